@@ -1,0 +1,204 @@
+//! The tasks: the only place where time passes and I/O happens.
+//!
+//! ```text
+//!            ┌───────── link ─────────┐  Command   ┌── control, 1 kHz ──┐
+//!  UART ───> │ Session::receive       │ ─────────> │ Controller::step   │ <──> MotionPort
+//!  UART <─── │ Session::transmit      │ <───────── │                    │
+//!            └────────────────────────┘  Snapshot  └────────────────────┘
+//!                      │ Picture                             ↑ Sensors
+//!                      └────────> display ──> LcdPort        └── sensors <── SensorPort
+//! ```
+//!
+//! The functions are generic; an image wraps each in a thin task, `control` on an interrupt
+//! executor above everything else. All channels are made by `main` ([`Channels`]) and passed by
+//! reference; there are no statics here.
+
+use core::cell::{Cell, RefCell};
+
+use embassy_futures::join::join;
+use embassy_futures::select::select;
+use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
+use embassy_sync::channel::Channel;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Instant, Ticker, Timer};
+use embedded_io_async::{Read, Write};
+
+use crate::controller::{Command, Controller, Snapshot};
+use crate::personality::pms5005::{LinkCounters, Picture, Request, Session};
+use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors};
+use crate::units::CONTROL_PERIOD_MS;
+
+/// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
+/// 115200 baud, so a period brings two at most; a full queue makes the link wait, nothing is
+/// lost.
+pub const COMMANDS: usize = 4;
+/// Pictures that may wait for the display. Sixteen arrive in 103 ms at 115200 baud; a slower
+/// display makes the link wait.
+pub const PICTURES: usize = 2;
+/// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
+const CHUNK: usize = 64;
+
+/// The newest value of something, for readers that do not want to wait.
+pub struct Latest<M: RawMutex, T: Copy>(Mutex<M, Cell<T>>);
+
+impl<M: RawMutex, T: Copy> Latest<M, T> {
+    /// With a value to begin with.
+    pub const fn new(value: T) -> Self {
+        Self(Mutex::new(Cell::new(value)))
+    }
+
+    /// The newest value.
+    pub fn get(&self) -> T {
+        self.0.lock(Cell::get)
+    }
+
+    /// Replaces the value.
+    pub fn set(&self, value: T) {
+        self.0.lock(|cell| cell.set(value));
+    }
+}
+
+/// What the tasks share: bounded, made once by `main`.
+pub struct Channels<M: RawMutex> {
+    commands: Channel<M, Command, COMMANDS>,
+    pictures: Channel<M, Picture, PICTURES>,
+    /// The newest state of the controller.
+    pub snapshot: Latest<M, Snapshot>,
+    /// The newest reading of the slow sensors.
+    pub sensors: Latest<M, Sensors>,
+    /// The link's counters.
+    pub link: Latest<M, LinkCounters>,
+}
+
+impl<M: RawMutex> Channels<M> {
+    /// Empty channels.
+    pub fn new() -> Self {
+        Self {
+            commands: Channel::new(),
+            pictures: Channel::new(),
+            snapshot: Latest::new(Snapshot::BOOT),
+            sensors: Latest::new(Sensors::UNKNOWN),
+            link: Latest::new(LinkCounters::default()),
+        }
+    }
+}
+
+impl<M: RawMutex> Default for Channels<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Runs the controller once every control period. Deadline: the period, 1 ms.
+pub async fn control<M: RawMutex>(
+    mut port: impl MotionPort,
+    mut controller: Controller,
+    channels: &Channels<M>,
+) -> ! {
+    let mut ticker = Ticker::every(Duration::from_millis(CONTROL_PERIOD_MS.into()));
+    loop {
+        ticker.next().await;
+        let motion = port.sample();
+        let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
+        let snapshot = controller.step(
+            // No more than were waiting: a fast link must not stretch the period.
+            commands.take(COMMANDS),
+            &motion,
+            &channels.sensors.get(),
+            channels.link.get().frames_for_us,
+        );
+        port.drive(&snapshot.outputs);
+        channels.snapshot.set(snapshot);
+    }
+}
+
+/// Reads the slow sensors, one reading after the other.
+pub async fn sensors<M: RawMutex>(mut port: impl SensorPort, channels: &Channels<M>) -> ! {
+    loop {
+        channels.sensors.set(port.read().await);
+    }
+}
+
+/// Shows what the host draws.
+pub async fn display<M: RawMutex>(mut port: impl LcdPort, channels: &Channels<M>) -> ! {
+    loop {
+        let picture = channels.pictures.receive().await;
+        port.show(picture.number, &picture.columns).await;
+    }
+}
+
+/// Talks to the host. One `write` is one frame. Deadline: the receive buffer below `rx` must hold
+/// what arrives while a picture waits for the display.
+///
+/// A line that reports an error is used again at once if it was noise; a line that reports its
+/// end is polled again after [`LINE_DOWN`].
+pub async fn link<M: RawMutex>(
+    mut rx: impl Read,
+    mut tx: impl Write,
+    session: Session,
+    channels: &Channels<M>,
+) -> ! {
+    let session = RefCell::new(session);
+    let something_to_send = Signal::<NoopRawMutex, ()>::new();
+    let publish = || channels.link.set(session.borrow().counters());
+
+    let receive = async {
+        let mut buffer = [0; CHUNK];
+        loop {
+            let gives_up_at = session.borrow().gives_up_at().unwrap_or(Instant::MAX);
+            let read = async { rx.read(&mut buffer).await.unwrap_or(0) };
+            let mut bytes: &[u8] = match select(read, Timer::at(gives_up_at)).await {
+                embassy_futures::select::Either::First(0) => {
+                    Timer::after(LINE_DOWN).await;
+                    &[]
+                }
+                embassy_futures::select::Either::First(count) => &buffer[..count],
+                embassy_futures::select::Either::Second(()) => &[],
+            };
+            loop {
+                let now = Instant::now();
+                let request = {
+                    let mut session = session.borrow_mut();
+                    session.receive(&mut bytes, now).or_else(|| session.give_up(now))
+                };
+                publish();
+                match request {
+                    Some(Request::Control(command)) => channels.commands.send(command).await,
+                    Some(Request::Show(picture)) => channels.pictures.send(picture).await,
+                    None => break,
+                }
+            }
+            something_to_send.signal(());
+            // On a line without a speed limit the answers would else wait for a pause.
+            yield_now().await;
+        }
+    };
+
+    let transmit = async {
+        let mut buffer = [0; Session::MAX_FRAME];
+        loop {
+            let snapshot = channels.snapshot.get();
+            let frame = session.borrow_mut().transmit(Instant::now(), &snapshot, &mut buffer);
+            match frame {
+                Some(frame) => {
+                    publish();
+                    if tx.write_all(frame).await.is_err() {
+                        Timer::after(LINE_DOWN).await;
+                    }
+                }
+                None => {
+                    let at = session.borrow().sends_at();
+                    select(Timer::at(at), something_to_send.wait()).await;
+                }
+            }
+        }
+    };
+
+    join(receive, transmit).await;
+    unreachable!("both loops are endless")
+}
+
+/// How long a line that failed is left alone.
+const LINE_DOWN: Duration = Duration::from_millis(10);

@@ -1,0 +1,34 @@
+//! Control: pure steps, once a control period, in fixed point. No time, no I/O, no protocol.
+//!
+//! - [`ring`]: positions on a circle, and the shorter way between them;
+//! - [`potentiometer`]: one angle from two potentiometers;
+//! - [`velocity`]: a velocity estimate that is quiet at low speed;
+//! - [`trajectory`]: set-points that move linearly and arrive exactly;
+//! - [`pid`]: the controller kernel, and what the gains of the wire mean;
+//! - [`axis`]: one DC channel; [`servo`]: one servo channel.
+//!
+//! Nothing here panics: the lints below forbid indexing, unwrapping, arithmetic that can
+//! overflow and casts that can lose.
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::arithmetic_side_effects,
+        clippy::cast_lossless,
+        clippy::cast_possible_truncation,
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::unreachable,
+        clippy::unwrap_used
+    )
+)]
+
+pub mod axis;
+pub mod pid;
+pub mod potentiometer;
+pub mod ring;
+pub mod servo;
+pub mod trajectory;
+pub mod velocity;

@@ -1,0 +1,171 @@
+//! The controller kernel in fixed point, and what the gains of the wire mean.
+//!
+//! Both loops compute, once a period of 1 ms,
+//!
+//! ```text
+//!   duty = kp * error + integral(ki * error) - kd * rate + feed_forward
+//! ```
+//!
+//! limited to the allowed drive (full drive is 1). `rate` is how fast the measurement itself
+//! changes, so a jump of the set-point gives no derivative kick. While the limit holds the drive
+//! back, the integral takes no part that would drive deeper into the limit (conditional
+//! integration), and it never exceeds the limits itself.
+//!
+//! The gains that hosts send are the original's numbers: Kp 50, Kd 5, Ki 0 by default, and Kp 15
+//! to 25 usable for the wheels of the time. This is what one unit of each is worth, in parts of
+//! full drive:
+//!
+//! | gain | position loop | velocity loop |
+//! |---|---|---|
+//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-18 a count/s, and as much again for every 64 ms that the error lasts |
+//! | Kd = 1 | 2^-16 a count/s | 2^-18 a (count/s) per ms |
+//! | Ki = 1.00 | 2^-10 a count and second | 2^-12 a (count/s) and second |
+//!
+//! The velocity loop's Kp has the reset time of 64 ms built in because hosts leave Ki at 0 and
+//! expect the speed to be held: a proportional term alone would settle well below the set-point.
+
+use fixed::{
+    FixedI32,
+    types::{
+        I24F8, I32F32,
+        extra::{U24, U32},
+    },
+};
+use protocol::pms5005::{Gain, Loop};
+
+use crate::settings::KiReading;
+
+/// log2 of the velocity loop's reset time in periods: 64 ms.
+const RESET_TIME_SHIFT: u32 = 6;
+
+/// Gains as the original numbers them, for one loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct HostGains {
+    /// Kp, 0 to 65535.
+    pub kp: u16,
+    /// Kd, 0 to 65535.
+    pub kd: u16,
+    /// Ki in hundredths, 0 to 65535.
+    pub ki_hundredths: u16,
+}
+
+impl HostGains {
+    /// The original's defaults.
+    pub const DEFAULT: Self = Self { kp: 50, kd: 5, ki_hundredths: 0 };
+
+    /// Takes over one gain from the wire.
+    pub fn set(&mut self, gain: Gain, reading: KiReading) {
+        match gain {
+            Gain::Proportional(kp) => self.kp = kp,
+            Gain::Derivative(kd) => self.kd = kd,
+            Gain::Integral { integer, fraction } => {
+                let whole = u16::from(integer).saturating_mul(100);
+                self.ki_hundredths = match reading {
+                    KiReading::Hundredths => whole.saturating_add(fraction.into()),
+                    KiReading::Fraction256 => {
+                        whole.saturating_add(u16::from(fraction).saturating_mul(100) >> 8)
+                    }
+                    KiReading::WordHundredths => u16::from_le_bytes([integer, fraction]),
+                };
+            }
+        }
+    }
+}
+
+/// Gains in parts of full drive, ready to multiply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gains {
+    /// A unit of error.
+    kp: FixedI32<U24>,
+    /// A unit of error and period.
+    ki: FixedI32<U32>,
+    /// A unit of rate.
+    kd: FixedI32<U24>,
+}
+
+impl Gains {
+    /// The formula of the [module](self).
+    pub fn new(control_loop: Loop, gains: HostGains) -> Self {
+        let (kp, kd) = (i32::from(gains.kp), i32::from(gains.kd));
+        // Ki a second is Ki / 1000 a period, and it counts hundredths; 2^32 is the unit of `ki`.
+        let ki = |log2: u32| {
+            let bits = (i64::from(gains.ki_hundredths) << (32_u32.saturating_sub(log2)))
+                .saturating_add(50_000)
+                .checked_div(100_000);
+            i32::try_from(bits.unwrap_or(0)).unwrap_or(i32::MAX)
+        };
+        match control_loop {
+            Loop::Position => Self {
+                kp: FixedI32::from_bits(kp << 9),
+                ki: FixedI32::from_bits(ki(10)),
+                kd: FixedI32::from_bits(kd << 8),
+            },
+            Loop::Velocity => Self {
+                kp: FixedI32::from_bits(kp << 6),
+                ki: FixedI32::from_bits(
+                    ki(12).saturating_add(kp << (14_u32.saturating_sub(RESET_TIME_SHIFT))),
+                ),
+                kd: FixedI32::from_bits(kd << 6),
+            },
+        }
+    }
+}
+
+/// The drive that is allowed: parts of full drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// The lowest, -1 or more.
+    pub low: I32F32,
+    /// The highest, 1 or less.
+    pub high: I32F32,
+}
+
+impl Limits {
+    /// Full drive both ways.
+    pub const FULL: Self = Self { low: I32F32::NEG_ONE, high: I32F32::ONE };
+}
+
+/// One loop's memory: the integral, in parts of full drive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pid {
+    integral: fixed::FixedI64<fixed::types::extra::U40>,
+}
+
+impl Pid {
+    /// An empty memory.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// One period. See the [module](self) for the formula.
+    #[inline]
+    pub fn step(
+        &mut self,
+        gains: &Gains,
+        error: I24F8,
+        rate: I24F8,
+        feed_forward: I32F32,
+        limits: &Limits,
+    ) -> I32F32 {
+        // The products are below 2^24 in I32F32 at the extremes of all factors.
+        let proportional = gains.kp.wide_mul(error);
+        let derivative = gains.kd.wide_mul(rate);
+        let others = proportional.saturating_sub(derivative).saturating_add(feed_forward);
+
+        let more = gains.ki.wide_mul(error);
+        let integral = self.integral.saturating_add(more);
+        let drive = others.saturating_add(I32F32::saturating_from_num(integral));
+        let deeper = (drive > limits.high && more > 0) || (drive < limits.low && more < 0);
+        if !deeper {
+            self.integral = integral.clamp(from_drive(limits.low), from_drive(limits.high));
+        }
+        others
+            .saturating_add(I32F32::saturating_from_num(self.integral))
+            .clamp(limits.low, limits.high)
+    }
+}
+
+fn from_drive(drive: I32F32) -> fixed::FixedI64<fixed::types::extra::U40> {
+    fixed::FixedI64::saturating_from_num(drive)
+}

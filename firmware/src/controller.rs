@@ -1,0 +1,494 @@
+//! The controller: one pure step a control period.
+//!
+//! ```text
+//!   (state, commands, inputs) -> (outputs, snapshot)
+//! ```
+//!
+//! It has no clock, no I/O and no protocol of its own: what a period is worth is
+//! [`CONTROL_PERIOD_MS`](crate::units::CONTROL_PERIOD_MS), commands are [`Command`]s, and the
+//! [`Snapshot`] is all that a personality may tell its host.
+//!
+//! Promises: at boot the outputs are safe; a command is carried out whole or, if any part of it
+//! is refused, not at all; the same commands and inputs give the same bits on every machine.
+
+use core::array;
+
+use protocol::pms5005::{
+    CHANNELS, Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor,
+};
+
+use crate::control::axis::{Axis, AxisRefusal, Reading, scale};
+use crate::control::pid::Limits;
+use crate::control::potentiometer;
+use crate::control::servo::Servo;
+use crate::control::velocity::VelocityEstimator;
+use crate::fmt::warning;
+use crate::ports::{MotionInputs, Outputs, Sensors};
+use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
+use crate::settings::ControlSettings;
+use crate::units::{Counts, CountsPerSecond};
+
+/// What a personality asks of the controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// Drive DC channels. Targets are in the method's unit: sensor counts, counts per second, or
+    /// raw [`Duty`](crate::units::Duty).
+    Drive {
+        /// What the targets are.
+        method: Method,
+        /// `None` leaves a channel alone.
+        targets: [Option<i16>; CHANNELS],
+        /// Control periods until the set-point is there; 0 is at once.
+        periods: u16,
+    },
+    /// Move servos; targets in 1/2250 ms.
+    MoveServos {
+        /// `None` leaves a servo alone.
+        targets: [Option<i16>; CHANNELS],
+        /// Control periods until the pulse width is there; 0 is at once.
+        periods: u16,
+    },
+    /// Change parameters, all in the same period.
+    Configure(Configuration),
+    /// Suspend (`run` false) or resume.
+    Run {
+        /// Whom.
+        scope: Scope,
+        /// Which.
+        run: bool,
+    },
+    /// Set the output port.
+    Gpio(u8),
+}
+
+/// New parameters; `None` leaves one as it is. Of two values for the same the later counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Configuration {
+    channels: [ChannelConfiguration; CHANNELS],
+    collision_protection: Option<bool>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct ChannelConfiguration {
+    polarity: Option<Polarity>,
+    sensor: Option<Sensor>,
+    method: Option<Method>,
+    position: GainChanges,
+    velocity: GainChanges,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct GainChanges {
+    kp: Option<u16>,
+    kd: Option<u16>,
+    ki: Option<[u8; 2]>,
+}
+
+impl GainChanges {
+    fn iter(&self) -> impl Iterator<Item = Gain> {
+        let ki = self.ki.map(|[integer, fraction]| Gain::Integral { integer, fraction });
+        [self.kp.map(Gain::Proportional), self.kd.map(Gain::Derivative), ki].into_iter().flatten()
+    }
+}
+
+impl Configuration {
+    /// Adds one parameter.
+    ///
+    /// # Errors
+    /// [`Refused::NoSuchSensor`] when the channel has no such sensor: only channels 0 and 1 have
+    /// encoders, only channels 0 to 2 pairs of potentiometers.
+    pub fn add(&mut self, parameter: Parameter) -> Result<(), Refused> {
+        let (channel, change): (Channel, &mut dyn FnMut(&mut ChannelConfiguration)) =
+            match parameter {
+                Parameter::CollisionProtection(on) => {
+                    self.collision_protection = Some(on);
+                    return Ok(());
+                }
+                Parameter::Polarity(channel, polarity) => {
+                    (channel, &mut move |c| c.polarity = Some(polarity))
+                }
+                Parameter::Sensor(channel, sensor) => {
+                    let exists = match sensor {
+                        Sensor::SinglePotentiometer => true,
+                        Sensor::DualPotentiometer => channel.index() < potentiometer::PAIRS.len(),
+                        Sensor::Encoder => channel.index() < ENCODERS,
+                    };
+                    if !exists {
+                        return Err(Refused::NoSuchSensor(channel));
+                    }
+                    (channel, &mut move |c| c.sensor = Some(sensor))
+                }
+                Parameter::Method(channel, method) => {
+                    (channel, &mut move |c| c.method = Some(method))
+                }
+                Parameter::Gain(channel, control_loop, gain) => (channel, &mut move |c| {
+                    let gains = match control_loop {
+                        Loop::Position => &mut c.position,
+                        Loop::Velocity => &mut c.velocity,
+                    };
+                    match gain {
+                        Gain::Proportional(kp) => gains.kp = Some(kp),
+                        Gain::Derivative(kd) => gains.kd = Some(kd),
+                        Gain::Integral { integer, fraction } => {
+                            gains.ki = Some([integer, fraction]);
+                        }
+                    }
+                }),
+            };
+        if let Some(configuration) = self.channels.get_mut(channel.index()) {
+            change(configuration);
+        }
+        Ok(())
+    }
+}
+
+/// Why a command was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refused {
+    /// A channel does not take this target.
+    Axis(Channel, AxisRefusal),
+    /// This channel has no such sensor.
+    NoSuchSensor(Channel),
+}
+
+/// Channels 0 and 1 have encoders.
+pub const ENCODERS: usize = 2;
+
+/// What an encoder says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderReading {
+    /// 0 to 32767.
+    pub count: u16,
+    /// Counts per second.
+    pub velocity: CountsPerSecond,
+}
+
+/// What the controller has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ControlCounters {
+    /// Control periods since boot; wraps.
+    pub periods: u32,
+    /// Commands refused; wraps.
+    pub refused: u32,
+    /// Times the host fell silent; wraps.
+    pub links_lost: u32,
+}
+
+/// The state of things after a period: what a personality may tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Snapshot {
+    /// What was measured for this period.
+    pub motion: MotionInputs,
+    /// The encoders on the protocol's scale.
+    pub encoders: [EncoderReading; ENCODERS],
+    /// The newest reading of the slow sensors.
+    pub sensors: Sensors,
+    /// What was driven in this period.
+    pub outputs: Outputs,
+    /// The host, once heard, is silent, or channels that it left running were stopped for that
+    /// and have not been commanded since.
+    pub link_loss: bool,
+    /// The collision protection forbids forward drive.
+    pub obstacle: bool,
+    /// Counters.
+    pub counters: ControlCounters,
+}
+
+impl Snapshot {
+    /// Before the first period.
+    pub const BOOT: Self = Self {
+        motion: MotionInputs { potentiometers: [0; 6], currents: [0; 6], encoders: [0; 2] },
+        encoders: [EncoderReading { count: 0, velocity: CountsPerSecond::ZERO }; ENCODERS],
+        sensors: Sensors::UNKNOWN,
+        outputs: Outputs {
+            motors: [crate::ports::MotorOutput {
+                duty: crate::units::Duty::NEUTRAL,
+                enabled: false,
+            }; CHANNELS],
+            servos: [None; CHANNELS],
+            gpio: 0,
+        },
+        link_loss: false,
+        obstacle: false,
+        counters: ControlCounters { periods: 0, refused: 0, links_lost: 0 },
+    };
+}
+
+/// A sensor's position and the estimate of its velocity.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shaft {
+    reading: Reading,
+    estimator: VelocityEstimator,
+    known: bool,
+}
+
+impl Shaft {
+    fn update(&mut self, position: Counts, scale: crate::control::ring::Scale) -> Reading {
+        let moved = if self.known {
+            scale.difference(position, self.reading.position)
+        } else {
+            Counts::ZERO
+        };
+        self.known = true;
+        self.reading = Reading { position, velocity: self.estimator.update(moved) };
+        self.reading
+    }
+}
+
+/// The controller's state.
+pub struct Controller {
+    settings: ControlSettings,
+    axes: [Axis; CHANNELS],
+    servos: [Servo; CHANNELS],
+    gpio: u8,
+    /// The encoders' shafts, and what the potentiometers say of each channel's.
+    encoders: [Shaft; ENCODERS],
+    angles: [Shaft; CHANNELS],
+    guard: CollisionGuard,
+    link: LinkWatch,
+    counters: ControlCounters,
+}
+
+impl Controller {
+    /// The controller at boot.
+    pub fn new(settings: ControlSettings) -> Self {
+        let mut axes: [Axis; CHANNELS] = array::from_fn(|_| Axis::new());
+        for axis in &mut axes {
+            axis.set_full_speed(settings.full_speed_potentiometer);
+        }
+        Self {
+            settings,
+            axes,
+            servos: [Servo::new(); CHANNELS],
+            gpio: 0,
+            encoders: Default::default(),
+            angles: Default::default(),
+            guard: CollisionGuard::default(),
+            link: LinkWatch::default(),
+            counters: ControlCounters::default(),
+        }
+    }
+
+    /// One control period.
+    ///
+    /// `link_frames` is the count of valid frames that the host has sent us so far; a change of
+    /// it is a sign of life. Commands that do not fit the channels' sensors or methods are
+    /// refused whole and counted.
+    pub fn step(
+        &mut self,
+        commands: impl IntoIterator<Item = Command>,
+        motion: &MotionInputs,
+        sensors: &Sensors,
+        link_frames: u32,
+    ) -> Snapshot {
+        self.counters.periods = self.counters.periods.wrapping_add(1);
+        self.measure(motion);
+        for command in commands {
+            if let Err(reason) = self.apply(&command, motion) {
+                self.counters.refused = self.counters.refused.wrapping_add(1);
+                warning!("command refused: {}", reason);
+            }
+        }
+        if self.link.step(link_frames, self.settings.link_timeout) == LinkEvent::Lost {
+            self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
+            warning!("the host is silent: {} ms", self.settings.link_timeout);
+            self.axes.iter_mut().for_each(Axis::link_lost);
+            self.servos.iter_mut().for_each(Servo::link_lost);
+        }
+        let blocked = self.guard.step(sensors, &self.settings.collision);
+        let outputs = self.drive(blocked);
+        Snapshot {
+            motion: *motion,
+            encoders: array::from_fn(|i| EncoderReading {
+                count: self.encoders[i].reading.position.to_num(),
+                velocity: self.encoders[i].reading.velocity,
+            }),
+            sensors: *sensors,
+            outputs,
+            link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
+            obstacle: self.guard.is_blocking(),
+            counters: self.counters,
+        }
+    }
+
+    /// Where a channel is, by the sensor that it uses.
+    fn reading(&self, channel: Channel) -> Reading {
+        match self.axes[channel.index()].sensor() {
+            Sensor::Encoder => self.encoders.get(channel.index()).map(|s| s.reading),
+            _ => self.angles.get(channel.index()).map(|s| s.reading),
+        }
+        .unwrap_or_default()
+    }
+
+    fn measure(&mut self, motion: &MotionInputs) {
+        for (shaft, count) in self.encoders.iter_mut().zip(motion.encoders) {
+            // 65536 is two turns of the protocol's scale: the low 15 bits are the position on it.
+            let count = Counts::from_num(count & 0x7FFF);
+            shaft.update(count, scale(Sensor::Encoder));
+        }
+        for channel in Channel::ALL {
+            let sensor = self.axes[channel.index()].sensor();
+            if let Some(angle) = angle(channel, sensor, motion) {
+                self.angles[channel.index()].update(angle, scale(sensor));
+            }
+        }
+    }
+
+    fn drive(&mut self, blocked: bool) -> Outputs {
+        let mut outputs = Outputs { gpio: self.gpio, ..Outputs::default() };
+        for channel in Channel::ALL {
+            let i = channel.index();
+            let mut limits = Limits::FULL;
+            if let Some(&positive) = self.settings.collision.forward_is_positive.get(i)
+                && blocked
+            {
+                let bound = if positive { &mut limits.high } else { &mut limits.low };
+                *bound = Default::default();
+            }
+            let reading = self.reading(channel);
+            outputs.motors[i] = self.axes[i].step(reading, &limits);
+            outputs.servos[i] = self.servos[i].step();
+        }
+        outputs
+    }
+
+    fn apply(&mut self, command: &Command, motion: &MotionInputs) -> Result<(), Refused> {
+        match *command {
+            Command::Drive { method, targets, periods } => {
+                self.go(method, &targets, periods, motion)
+            }
+            Command::MoveServos { targets, periods } => {
+                for (servo, target) in self.servos.iter_mut().zip(targets) {
+                    if let Some(target) = target {
+                        servo.go(target, periods);
+                    }
+                }
+                Ok(())
+            }
+            Command::Configure(ref configuration) => {
+                self.configure(configuration, motion);
+                Ok(())
+            }
+            Command::Run { scope, run } => {
+                for channel in Channel::ALL {
+                    if scope == Scope::All || scope == Scope::Motor(channel) {
+                        let reading = self.reading(channel);
+                        let axis = &mut self.axes[channel.index()];
+                        if run { axis.resume(reading) } else { axis.suspend() }
+                    }
+                    if scope == Scope::All || scope == Scope::Servo(channel) {
+                        let servo = &mut self.servos[channel.index()];
+                        if run { servo.resume() } else { servo.suspend() }
+                    }
+                }
+                Ok(())
+            }
+            Command::Gpio(outputs) => {
+                self.gpio = outputs;
+                Ok(())
+            }
+        }
+    }
+
+    fn go(
+        &mut self,
+        method: Method,
+        targets: &[Option<i16>; CHANNELS],
+        periods: u16,
+        motion: &MotionInputs,
+    ) -> Result<(), Refused> {
+        let moves = || {
+            Channel::ALL.into_iter().zip(targets).filter_map(|(c, target)| Some((c, (*target)?)))
+        };
+        for (channel, target) in moves() {
+            self.axes[channel.index()]
+                .check(method, target)
+                .map_err(|reason| Refused::Axis(channel, reason))?;
+        }
+        for (channel, target) in moves() {
+            // Hosts exist that never choose a sensor and expect velocity control with encoders.
+            if method == Method::Velocity
+                && channel.index() < ENCODERS
+                && !self.axes[channel.index()].sensor_is_chosen()
+            {
+                self.set_sensor(channel, Sensor::Encoder, false, motion);
+            }
+            let reading = self.reading(channel);
+            self.axes[channel.index()].go(method, target, periods, reading);
+        }
+        Ok(())
+    }
+
+    fn configure(&mut self, configuration: &Configuration, motion: &MotionInputs) {
+        for (channel, changes) in Channel::ALL.into_iter().zip(&configuration.channels) {
+            if let Some(sensor) = changes.sensor {
+                self.set_sensor(channel, sensor, true, motion);
+            }
+            let reading = self.reading(channel);
+            let axis = &mut self.axes[channel.index()];
+            for (control_loop, gains) in
+                [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
+            {
+                let mut host_gains = axis.gains(control_loop);
+                for gain in gains.iter() {
+                    host_gains.set(gain, self.settings.ki_reading);
+                }
+                axis.set_gains(control_loop, host_gains);
+            }
+            if let Some(polarity) = changes.polarity {
+                axis.set_polarity(polarity, reading);
+            }
+            if let Some(method) = changes.method {
+                axis.set_method(method, reading);
+            }
+        }
+        if let Some(on) = configuration.collision_protection {
+            self.guard.enabled = on;
+        }
+    }
+
+    fn set_sensor(
+        &mut self,
+        channel: Channel,
+        sensor: Sensor,
+        chosen: bool,
+        motion: &MotionInputs,
+    ) {
+        let i = channel.index();
+        if sensor != self.axes[i].sensor() {
+            self.angles[i] = Shaft::default();
+            if let Some(angle) = angle(channel, sensor, motion) {
+                self.angles[i].update(angle, scale(sensor));
+            }
+        }
+        let reading = match sensor {
+            Sensor::Encoder => self.encoders.get(i).map(|s| s.reading).unwrap_or_default(),
+            _ => self.angles[i].reading,
+        };
+        self.axes[i].set_sensor(sensor, chosen, reading);
+        self.axes[i].set_full_speed(match sensor {
+            Sensor::Encoder => self.settings.full_speed_encoder,
+            _ => self.settings.full_speed_potentiometer,
+        });
+    }
+}
+
+/// What the potentiometers say of a channel; `None` if it uses its encoder.
+fn angle(channel: Channel, sensor: Sensor, motion: &MotionInputs) -> Option<Counts> {
+    let pots = &motion.potentiometers;
+    match sensor {
+        Sensor::Encoder => None,
+        Sensor::SinglePotentiometer => {
+            pots.get(channel.index()).map(|&p| Counts::saturating_from_num(p))
+        }
+        Sensor::DualPotentiometer => {
+            let (first, second) = *potentiometer::PAIRS.get(channel.index())?;
+            Some(potentiometer::angle(*pots.get(first)?, *pots.get(second)?))
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! The controller's firmware as a library: everything that is not a pin.
+//!
+//! ```text
+//!  bytes -> Deframer -> Personality -> Command -> Controller -> Outputs -> ports -> motors, servos
+//!  bytes <- encode   <- Personality <- Snapshot <- Controller <- Inputs  <- ports <- encoders, A/D
+//! ```
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`units`] | quantities, each with its unit in its type |
+//! | [`ports`] | what hardware must offer |
+//! | [`control`] | pure control: PID, trajectories, velocity, one channel, one servo |
+//! | [`controller`] | one step a control period over six channels and six servos |
+//! | [`safety`] | link silence, collision protection |
+//! | [`personality`] | sessions without I/O: how a controller of old presents itself |
+//! | [`settings`] | what an owner may choose |
+//! | [`app`] | the tasks, the only place where time passes |
+//!
+//! It builds for the Cortex-M4 and for a computer; a board, QEMU and the virtual board differ in
+//! their ports and their clock, in nothing else.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+mod fmt;
+
+pub mod app;
+pub mod control;
+pub mod controller;
+pub mod personality;
+pub mod ports;
+pub mod safety;
+pub mod settings;
+pub mod units;

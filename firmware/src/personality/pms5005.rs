@@ -1,0 +1,411 @@
+//! The PMS5005's session with its host.
+//!
+//! [`Session::receive`] takes bytes and yields what they ask of the board; [`Session::transmit`]
+//! yields the next frame to send, whenever the line is free. Pulling frames instead of queueing
+//! them keeps the transmit side bounded: acknowledgements are all alike, so the queue of them is
+//! a number, and telemetry is made when it is sent, from what is true then.
+//!
+//! Rules (facts and manual section III):
+//! - every intact frame for us is acknowledged unless its reserved byte is 255; 255/1, which may
+//!   be a host's acknowledgement, at most once in [`PING_ANSWER_PERIOD`];
+//! - acknowledgements go before telemetry;
+//! - telemetry that could not be sent before its next turn is skipped and counted, not queued;
+//!   the three reports take turns, so that none starves;
+//! - the host hears from us at least once a second: telemetry, or a ping.
+
+use embassy_time::{Duration, Instant};
+use protocol::pms5005::{
+    self as wire, ACK, CustomIoReport, Encoder, Frame, MotorReport, Move, PING, Quantity,
+    RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report, Reports, SensorReport,
+};
+
+use crate::controller::{Command, Configuration, EncoderReading, Refused, Snapshot};
+use crate::fmt::warning;
+use crate::settings::LinkSettings;
+use crate::units::Duty;
+
+/// 255/1 is answered at most this often.
+pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
+/// Without telemetry we send a ping this often; hosts give up after 2 s, and want to hear from us
+/// every second.
+pub const PING_PERIOD: Duration = Duration::from_millis(900);
+/// A frame's bytes may pause this long and take this long in all (264 bytes take 23 ms at 115200
+/// baud); then what is there is searched for other frames.
+pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_FRAME: Duration = Duration::from_millis(500);
+/// Acknowledgements that may wait. They take 100 ms at 115200 baud; a host that is still owed
+/// more will have given up on them.
+const ACKS_WAITING: u16 = 115;
+
+/// What a frame asks of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Something of the controller.
+    Control(Command),
+    /// To show a sixteenth of an image.
+    Show(Picture),
+}
+
+/// A sixteenth of an image for the LCD.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// 0 to 15: even left, odd right, from the top.
+    pub number: u8,
+    /// 64 columns, least significant bit on top.
+    pub columns: [u8; 64],
+}
+
+/// What a session has counted. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinkCounters {
+    /// Intact frames, whoever they were for.
+    pub frames_ok: u32,
+    /// Frames that began well and were damaged.
+    pub bad_frames: u32,
+    /// Bytes that were part of no intact frame.
+    pub bytes_skipped: u32,
+    /// Intact frames for us: signs of life of our host.
+    pub frames_for_us: u32,
+    /// Intact frames for other devices on the line.
+    pub not_for_us: u32,
+    /// Frames for us with a DID that the manual does not know.
+    pub unknown: u32,
+    /// Frames for us that were refused for their values or their length.
+    pub refused: u32,
+    /// Acknowledgements sent.
+    pub acks_sent: u32,
+    /// Acknowledgements that found no more room to wait.
+    pub acks_dropped: u32,
+    /// Telemetry frames sent.
+    pub telemetry_sent: u32,
+    /// Telemetry frames skipped because the line was busy for a whole period.
+    pub telemetry_skipped: u32,
+    /// Pings sent.
+    pub pings_sent: u32,
+}
+
+/// One of the three telemetry streams.
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    repeat: Repeat,
+    /// When the next frame is due.
+    due: Instant,
+}
+
+/// The session. See the [module](self).
+pub struct Session {
+    settings: LinkSettings,
+    receiver: Receiver,
+    /// When the pending candidate's first byte came, and when its last.
+    candidate: Option<(Instant, Instant)>,
+    streams: [Stream; 3],
+    /// The stream whose turn it is.
+    turn: usize,
+    acks_waiting: u16,
+    ping_answered: Option<Instant>,
+    /// When the host last heard telemetry or a ping.
+    spoke: Instant,
+    counters: LinkCounters,
+}
+
+/// The reports in the order of [`Session::streams`].
+const REPORTS: [Reports; 3] = [Reports::Motors, Reports::CustomIo, Reports::Sensors];
+
+impl Session {
+    /// Room for the longest frame that a session sends.
+    pub const MAX_FRAME: usize = Report::MAX_FRAME;
+
+    /// A session at boot: "it will keep sending all sensor data to the host" (section III).
+    pub fn new(settings: LinkSettings, now: Instant) -> Self {
+        Self {
+            settings,
+            receiver: Receiver::new(),
+            candidate: None,
+            streams: [Stream { repeat: Repeat::Continuous, due: now }; 3],
+            turn: 0,
+            acks_waiting: 0,
+            ping_answered: None,
+            spoke: now,
+            counters: LinkCounters::default(),
+        }
+    }
+
+    /// Everything counted so far.
+    pub fn counters(&self) -> LinkCounters {
+        let reception = self.receiver.reception();
+        LinkCounters {
+            frames_ok: reception.frames_ok,
+            bad_frames: reception.bad_frames,
+            bytes_skipped: reception.bytes_skipped,
+            ..self.counters
+        }
+    }
+
+    /// Takes bytes from the front of `bytes` until they ask something of the board, or are all
+    /// taken (`None`). Call it until it answers `None`.
+    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
+        let anything_new = !bytes.is_empty();
+        while let Some(frame) = self.receiver.receive(bytes) {
+            let request = respond(
+                frame,
+                now,
+                Replies {
+                    counters: &mut self.counters,
+                    acks_waiting: &mut self.acks_waiting,
+                    ping_answered: &mut self.ping_answered,
+                    streams: &mut self.streams,
+                },
+            );
+            self.candidate = None;
+            if request.is_some() {
+                return request;
+            }
+        }
+        if self.receiver.pending() == 0 {
+            self.candidate = None;
+        } else if anything_new {
+            let first = self.candidate.map_or(now, |(first, _)| first);
+            self.candidate = Some((first, now));
+        }
+        None
+    }
+
+    /// When [`give_up`](Self::give_up) has something to do: the pending bytes have paused or
+    /// lasted too long by then.
+    pub fn gives_up_at(&self) -> Option<Instant> {
+        self.candidate.map(|(first, last)| {
+            last.saturating_add(LONGEST_PAUSE).min(first.saturating_add(LONGEST_FRAME))
+        })
+    }
+
+    /// Gives up on the pending bytes, if it is time to, and finds the good frames that they were
+    /// holding up. Call it until it answers `None`.
+    pub fn give_up(&mut self, now: Instant) -> Option<Request> {
+        if self.gives_up_at().is_none_or(|at| now < at) {
+            return None;
+        }
+        while let Some(frame) = self.receiver.give_up() {
+            let request = respond(
+                frame,
+                now,
+                Replies {
+                    counters: &mut self.counters,
+                    acks_waiting: &mut self.acks_waiting,
+                    ping_answered: &mut self.ping_answered,
+                    streams: &mut self.streams,
+                },
+            );
+            if request.is_some() {
+                return request;
+            }
+        }
+        self.candidate = None;
+        None
+    }
+
+    /// When there will be something to send; it may be now or past.
+    pub fn sends_at(&self) -> Instant {
+        if self.acks_waiting > 0 {
+            return Instant::MIN;
+        }
+        let ping = self.spoke.saturating_add(PING_PERIOD);
+        self.streams
+            .iter()
+            .filter(|stream| stream.repeat != Repeat::Stop)
+            .fold(ping, |earliest, stream| earliest.min(stream.due))
+    }
+
+    /// The next frame to send, written into `out`; `None` if there is nothing to say now. Call it
+    /// whenever the line is free. `out` holds at least [`Self::MAX_FRAME`] bytes.
+    pub fn transmit<'b>(
+        &mut self,
+        now: Instant,
+        snapshot: &Snapshot,
+        out: &'b mut [u8],
+    ) -> Option<&'b [u8]> {
+        if let Some(waiting) = self.acks_waiting.checked_sub(1) {
+            self.acks_waiting = waiting;
+            self.counters.acks_sent = self.counters.acks_sent.wrapping_add(1);
+            return ACK.encode(out).ok().map(|frame| &*frame);
+        }
+        if let Some(reports) = self.next_report(now) {
+            self.spoke = now;
+            self.counters.telemetry_sent = self.counters.telemetry_sent.wrapping_add(1);
+            return report(reports, snapshot).encode(out).ok().map(|frame| &*frame);
+        }
+        if now >= self.spoke.saturating_add(PING_PERIOD) {
+            self.spoke = now;
+            self.counters.pings_sent = self.counters.pings_sent.wrapping_add(1);
+            return PING.encode(out).ok().map(|frame| &*frame);
+        }
+        None
+    }
+
+    /// The report that is due, if any, the streams taking turns; its stream moves on to its next
+    /// period, past those that it has missed.
+    fn next_report(&mut self, now: Instant) -> Option<Reports> {
+        let period = Duration::from_millis(self.settings.telemetry_period_ms.max(1).into());
+        let turn = (0..REPORTS.len()).map(|k| (self.turn + k) % REPORTS.len()).find(|&turn| {
+            let stream = &self.streams[turn];
+            stream.repeat != Repeat::Stop && stream.due <= now
+        })?;
+        let stream = &mut self.streams[turn];
+        if let Repeat::Times(count) = stream.repeat {
+            stream.repeat =
+                core::num::NonZeroU8::new(count.get() - 1).map_or(Repeat::Stop, Repeat::Times);
+        }
+        let missed = (now - stream.due).as_ticks() / period.as_ticks();
+        self.counters.telemetry_skipped =
+            self.counters.telemetry_skipped.wrapping_add(missed as u32);
+        stream.due += period * (missed as u32 + 1);
+        self.turn = (turn + 1) % REPORTS.len();
+        Some(REPORTS[turn])
+    }
+}
+
+/// The part of a session that a frame may change; apart, because the frame borrows the receiver.
+struct Replies<'a> {
+    counters: &'a mut LinkCounters,
+    acks_waiting: &'a mut u16,
+    ping_answered: &'a mut Option<Instant>,
+    streams: &'a mut [Stream; 3],
+}
+
+/// Does what an intact frame asks of the session, and yields what it asks of the board.
+fn respond(frame: &[u8], now: Instant, replies: Replies<'_>) -> Option<Request> {
+    let frame = Frame::parse(frame)?;
+    let counters = replies.counters;
+    if frame.rid != RID_PMS5005 {
+        counters.not_for_us = counters.not_for_us.wrapping_add(1);
+        return None;
+    }
+    counters.frames_for_us = counters.frames_for_us.wrapping_add(1);
+    let command = wire::Command::parse(frame.did, frame.data);
+
+    let may_be_an_ack = command == Ok(wire::Command::PingOrAck);
+    let answered_just_now = replies.ping_answered.is_some_and(|at| now - at < PING_ANSWER_PERIOD);
+    if frame.res != RES_NO_ACK && !(may_be_an_ack && answered_just_now) {
+        if may_be_an_ack {
+            *replies.ping_answered = Some(now);
+        }
+        if *replies.acks_waiting < ACKS_WAITING {
+            *replies.acks_waiting += 1;
+        } else {
+            counters.acks_dropped = counters.acks_dropped.wrapping_add(1);
+        }
+    }
+
+    let request = command.map_err(Reason::Wire).and_then(|command| match command {
+        wire::Command::Move(command) => Ok(Some(Request::Control(motion(&command)))),
+        wire::Command::Parameters(parameters) => {
+            let mut configuration = Configuration::default();
+            parameters
+                .iter()
+                .try_for_each(|parameter| configuration.add(parameter))
+                .map_err(Reason::Board)?;
+            Ok(Some(Request::Control(Command::Configure(configuration))))
+        }
+        wire::Command::GpioOutputs(outputs) => Ok(Some(Request::Control(Command::Gpio(outputs)))),
+        wire::Command::Lcd(frame) => {
+            Ok(Some(Request::Show(Picture { number: frame.number, columns: *frame.columns })))
+        }
+        wire::Command::Run { scope, run } => {
+            Ok(Some(Request::Control(Command::Run { scope, run })))
+        }
+        wire::Command::Telemetry { reports, repeat } => {
+            for (stream, of) in replies.streams.iter_mut().zip(REPORTS) {
+                if reports == of || reports == Reports::All {
+                    // A stream that runs keeps its rhythm, or a host that asks often would get
+                    // more than a period allows.
+                    if stream.repeat == Repeat::Stop && stream.due < now {
+                        stream.due = now;
+                    }
+                    stream.repeat = repeat;
+                }
+            }
+            Ok(None)
+        }
+        wire::Command::PingOrAck | wire::Command::Ping => Ok(None),
+    });
+    match request {
+        Ok(request) => request,
+        Err(reason) => {
+            let counter = match reason {
+                Reason::Wire(Refusal::UnknownDid(_)) => &mut counters.unknown,
+                _ => &mut counters.refused,
+            };
+            *counter = counter.wrapping_add(1);
+            warning!("frame not carried out: {}", reason);
+            None
+        }
+    }
+}
+
+/// Why a frame is not carried out.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Reason {
+    Wire(Refusal),
+    Board(#[cfg_attr(not(any(feature = "defmt", feature = "log")), allow(dead_code))] Refused),
+}
+
+/// The wire's motion command in the controller's vocabulary.
+fn motion(command: &Move) -> Command {
+    use wire::Method;
+    let Move { targets, periods, .. } = *command;
+    match command.quantity {
+        Quantity::Position => Command::Drive { method: Method::Position, targets, periods },
+        Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods },
+        Quantity::Pwm => {
+            let targets = targets.map(|target| target.map(duty));
+            Command::Drive { method: Method::Pwm, targets, periods }
+        }
+        Quantity::Servo => Command::MoveServos { targets, periods },
+    }
+}
+
+/// PWM 0 to 32767 as a raw duty. Neutral is 16384; hosts use 16383 too, and both mean stop.
+fn duty(pwm: i16) -> i16 {
+    match pwm - Duty::FULL {
+        -1 => 0,
+        duty => duty,
+    }
+}
+
+/// A report of what is true now.
+fn report(reports: Reports, snapshot: &Snapshot) -> Report {
+    let sensors = &snapshot.sensors;
+    match reports {
+        Reports::CustomIo => Report::CustomIo(CustomIoReport {
+            custom_ad: sensors.custom_ad,
+            inputs: sensors.gpio_in,
+        }),
+        Reports::Sensors => Report::Sensors(SensorReport {
+            sonar_cm: sensors.sonar_cm,
+            human: sensors.human,
+            tilt: sensors.tilt,
+            overheat: sensors.overheat,
+            temperature: sensors.temperature,
+            ir_range: sensors.ir_range,
+            ir_command: sensors.ir_command,
+            battery: sensors.battery,
+            reference: sensors.reference,
+        }),
+        Reports::Motors | Reports::All => Report::Motors(MotorReport {
+            potentiometers: snapshot.motion.potentiometers,
+            currents: snapshot.motion.currents,
+            encoders: snapshot.encoders.map(encoder),
+        }),
+    }
+}
+
+/// Table II.2 wants the speed as a magnitude and a direction bit. Rest counts as positive.
+fn encoder(reading: EncoderReading) -> Encoder {
+    let velocity: i32 = reading.velocity.round().saturating_to_num();
+    Encoder {
+        count: reading.count,
+        speed: velocity.unsigned_abs().min(32767) as u16, // fits by the bound
+        positive: velocity >= 0,
+    }
+}

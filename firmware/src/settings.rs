@@ -1,0 +1,93 @@
+//! What an owner may choose, with the defaults that suit a correctly wired original.
+
+use crate::units::Duty;
+
+/// How the two bytes of Ki are read; hosts disagree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum KiReading {
+    /// M + N/100: the manual's "integer part, fraction part" in decimal.
+    #[default]
+    Hundredths,
+    /// M + N/256: the manual's table taken as fixed point.
+    Fraction256,
+    /// A 16-bit number, low byte first, divided by 100.
+    WordHundredths,
+}
+
+/// When the collision protection (sub-command 13) holds the wheels back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CollisionSettings {
+    /// An ultrasonic range of this many cm or less stops forward drive; default 30.
+    pub sonar_stop_cm: u8,
+    /// Above this many cm it lets go again; default 35.
+    pub sonar_clear_cm: u8,
+    /// An infrared range reading of this many A/D counts or more stops forward drive; default
+    /// 1678, which is 20 cm.
+    pub ir_stop: u16,
+    /// Below this many A/D counts it lets go again; default 1388, which is 25 cm.
+    pub ir_clear: u16,
+    /// Which ultrasonic sensors look forward: bit 0 is sensor 1. Default: all, since the manual
+    /// does not say where they are mounted and backing off must always be possible.
+    pub sonar_forward: u8,
+    /// For wheels 0 and 1: whether rising counts drive the robot forward; default both.
+    pub forward_is_positive: [bool; 2],
+}
+
+/// The controller's settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ControlSettings {
+    /// Silence of the host, in control periods (ms), after which moving channels are stopped;
+    /// 0 never stops them. Default 2000.
+    pub link_timeout: u16,
+    /// How Ki is read.
+    pub ki_reading: KiReading,
+    /// Encoder counts per second at full drive, for feed-forward; default 16384.
+    pub full_speed_encoder: u32,
+    /// Potentiometer counts per second at full drive, for feed-forward; default 4096.
+    pub full_speed_potentiometer: u32,
+    /// Collision protection.
+    pub collision: CollisionSettings,
+}
+
+/// The PMS5005 session's settings, times in ms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LinkSettings {
+    /// Period of telemetry; default 50.
+    pub telemetry_period_ms: u16,
+}
+
+/// All settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// The controller's.
+    pub control: ControlSettings,
+    /// The link's.
+    pub link: LinkSettings,
+}
+
+impl Settings {
+    /// The defaults named at each field.
+    pub const DEFAULT: Self = Self {
+        control: ControlSettings {
+            link_timeout: 2000,
+            ki_reading: KiReading::Hundredths,
+            full_speed_encoder: Duty::FULL as u32,
+            full_speed_potentiometer: 4096,
+            collision: CollisionSettings {
+                sonar_stop_cm: 30,
+                sonar_clear_cm: 35,
+                ir_stop: 1678,
+                ir_clear: 1388,
+                sonar_forward: 0b11_1111,
+                forward_is_positive: [true; 2],
+            },
+        },
+        link: LinkSettings { telemetry_period_ms: 50 },
+    };
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}

@@ -1,0 +1,244 @@
+//! The resynchronising receiver: bytes in, whole frames out.
+//!
+//! Vocabulary: a *candidate* is a place in the stream that begins like a frame. Its header tells
+//! how long the frame would be; once that many bytes are there the framing judges it, and it is
+//! either a *frame* or *rejected*. After a rejection the receiver goes on one byte behind the
+//! candidate's first, inside the bytes it already holds, so that a good frame which began within
+//! a bad one is found.
+//!
+//! Promises:
+//! - The frames found do not depend on how the stream was cut into chunks.
+//! - Every byte is accounted for: it was part of a frame, was skipped and counted, or is pending.
+//! - Work is done on slices: a byte is copied once, and judged with its whole frame.
+//!
+//! A candidate that noise has made (`5E 02` with a large length, say) holds up what follows until
+//! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
+//! [`Deframer::give_up`] when the line has been silent too long.
+
+use core::marker::PhantomData;
+
+/// What the receiver must know of a format. All that we speak begin with two fixed bytes and
+/// carry their length in a header.
+pub trait Framing {
+    /// The two bytes that begin every frame.
+    const START: [u8; 2];
+    /// How many bytes, counted from the start, tell the length of the frame. At least 2.
+    const HEADER: usize;
+    /// The length of the whole frame in bytes, or `None` when no frame has such a header.
+    /// `header` is at least [`Self::HEADER`] bytes long and begins with [`Self::START`].
+    fn length(header: &[u8]) -> Option<usize>;
+    /// Whether a candidate of the right length is a frame: checksum, end marks.
+    fn is_intact(candidate: &[u8]) -> bool;
+}
+
+/// What a receiver has counted since it was made. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reception {
+    /// Intact frames, whoever they were for.
+    pub frames_ok: u32,
+    /// Candidates with a complete header that turned out not to be frames.
+    pub bad_frames: u32,
+    /// Bytes that were part of no frame.
+    pub bytes_skipped: u32,
+}
+
+/// A receiver for frames of at most `N` bytes. See the [module](self) for what it promises.
+pub struct Deframer<F, const N: usize> {
+    buffer: [u8; N],
+    /// Bytes held, from the front of the buffer.
+    held: usize,
+    /// No decision is possible before this many bytes are held.
+    needed: usize,
+    /// Length of the frame last handed out; it leaves the buffer at the next call.
+    handed_out: usize,
+    reception: Reception,
+    framing: PhantomData<F>,
+}
+
+/// What can be said of the bytes at the front of the buffer.
+enum Verdict {
+    /// They are a frame of this length.
+    Frame(usize),
+    /// Nothing before this many bytes are there.
+    Needs(usize),
+    /// Not the beginning of a frame: noise.
+    Noise,
+    /// A complete header, but not a frame.
+    Rejected,
+}
+
+impl<F: Framing, const N: usize> Deframer<F, N> {
+    /// An empty receiver.
+    pub const fn new() -> Self {
+        Self {
+            buffer: [0; N],
+            held: 0,
+            needed: 2,
+            handed_out: 0,
+            reception: Reception { frames_ok: 0, bad_frames: 0, bytes_skipped: 0 },
+            framing: PhantomData,
+        }
+    }
+
+    /// The counters.
+    pub fn reception(&self) -> Reception {
+        self.reception
+    }
+
+    /// How many bytes wait for the rest of their frame.
+    pub fn pending(&self) -> usize {
+        self.held.saturating_sub(self.handed_out)
+    }
+
+    /// Takes bytes from the front of `bytes` until a frame is complete or `bytes` is empty.
+    ///
+    /// Call it until it answers `None`; the frame handed out is valid until the next call.
+    #[inline]
+    pub fn receive(&mut self, bytes: &mut &[u8]) -> Option<&[u8]> {
+        self.release();
+        loop {
+            if self.held >= self.needed
+                && let Some(length) = self.decide(false)
+            {
+                return self.hand_out(length);
+            }
+            if self.held == 0 {
+                let noise = find(F::START[0], bytes);
+                self.skipped(noise);
+                *bytes = bytes.get(noise..).unwrap_or_default();
+            }
+            if bytes.is_empty() {
+                return None;
+            }
+            self.take(bytes);
+        }
+    }
+
+    /// Gives up waiting for the rest of the candidate at the front: the line has been silent for
+    /// so long that it will not come. Answers the good frames that it was holding up.
+    ///
+    /// Call it until it answers `None`; then nothing is pending.
+    pub fn give_up(&mut self) -> Option<&[u8]> {
+        self.release();
+        let length = self.decide(true)?;
+        self.hand_out(length)
+    }
+
+    /// Lets go of the frame that was handed out last.
+    #[inline]
+    fn release(&mut self) {
+        if self.handed_out > 0 {
+            self.drop_front(self.handed_out);
+            self.handed_out = 0;
+        }
+    }
+
+    /// Moves as many bytes as the next decision needs from `bytes` into the buffer.
+    #[inline]
+    fn take(&mut self, bytes: &mut &[u8]) {
+        let wanted = self.needed.saturating_sub(self.held).min(bytes.len());
+        let free = self.buffer.get_mut(self.held..).unwrap_or_default();
+        if let Some((taken, rest)) = bytes.split_at_checked(wanted)
+            && let Some(free) = free.get_mut(..wanted)
+        {
+            free.copy_from_slice(taken);
+            self.held = self.held.saturating_add(wanted);
+            *bytes = rest;
+        }
+    }
+
+    /// Judges candidates until one is a frame (its length) or more bytes are needed (`None`).
+    /// With `silent`, a candidate that needs more bytes is rejected.
+    fn decide(&mut self, silent: bool) -> Option<usize> {
+        while self.held > 0 {
+            match self.judge() {
+                Verdict::Frame(length) => return Some(length),
+                Verdict::Needs(count) if !silent => {
+                    self.needed = count;
+                    return None;
+                }
+                Verdict::Noise => self.resynchronise(),
+                Verdict::Rejected | Verdict::Needs(_) => {
+                    if self.held >= F::HEADER {
+                        self.reception.bad_frames = self.reception.bad_frames.wrapping_add(1);
+                    }
+                    self.resynchronise();
+                }
+            }
+        }
+        self.needed = F::START.len();
+        None
+    }
+
+    fn judge(&self) -> Verdict {
+        let held = self.buffer.get(..self.held).unwrap_or_default();
+        if !begins_like(F::START, held) {
+            return Verdict::Noise;
+        }
+        if held.len() < F::HEADER {
+            return Verdict::Needs(F::HEADER);
+        }
+        match F::length(held) {
+            Some(length) if length <= N && length >= F::HEADER => match held.get(..length) {
+                None => Verdict::Needs(length),
+                Some(candidate) if F::is_intact(candidate) => Verdict::Frame(length),
+                Some(_) => Verdict::Rejected,
+            },
+            _ => Verdict::Rejected,
+        }
+    }
+
+    /// Drops the front byte and all behind it up to the next place that begins like a frame.
+    #[cold]
+    fn resynchronise(&mut self) {
+        let held = self.buffer.get(..self.held).unwrap_or_default();
+        let next = (1..held.len())
+            .find(|&at| begins_like(F::START, held.get(at..).unwrap_or_default()))
+            .unwrap_or(held.len());
+        self.skipped(next);
+        self.drop_front(next);
+    }
+
+    fn drop_front(&mut self, count: usize) {
+        if let Some(rest) = self.held.checked_sub(count) {
+            if rest > 0 {
+                self.buffer.copy_within(count..self.held, 0);
+            }
+            self.held = rest;
+            // What is left is judged from its beginning.
+            self.needed = F::START.len();
+        }
+    }
+
+    fn hand_out(&mut self, length: usize) -> Option<&[u8]> {
+        self.handed_out = length;
+        self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
+        self.buffer.get(..length)
+    }
+
+    fn skipped(&mut self, count: usize) {
+        let count = u32::try_from(count).unwrap_or(u32::MAX);
+        self.reception.bytes_skipped = self.reception.bytes_skipped.wrapping_add(count);
+    }
+}
+
+impl<F: Framing, const N: usize> Default for Deframer<F, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Whether `bytes` begin with `start`, or could once another byte is there.
+fn begins_like(start: [u8; 2], bytes: &[u8]) -> bool {
+    match bytes {
+        [] => false,
+        [first] => *first == start[0],
+        [first, second, ..] => [*first, *second] == start,
+    }
+}
+
+/// Where `byte` first stands in `bytes`, or how many bytes there are when it is not among them.
+fn find(byte: u8, bytes: &[u8]) -> usize {
+    bytes.iter().position(|&b| b == byte).unwrap_or(bytes.len())
+}

@@ -1,0 +1,485 @@
+//! What a host asks for: DID and DATA of Table II.1, typed, both directions.
+//!
+//! A command that [`Command::parse`] answers is well formed throughout: channels exist, values
+//! are in the range that the wire allows. What it does not know is the state of the board (which
+//! sensor a channel uses, say); such questions are the controller's.
+
+use super::did;
+use super::frame::{Data, EncodeError, Frame, RID_PMS5005};
+use super::parameter::Parameters;
+
+/// DC motor channels, and servo channels: there are six of each.
+pub const CHANNELS: usize = 6;
+
+/// The documented flag before the time of a list, and the one that some hosts use.
+const TIME_FLAG: u8 = 28;
+const TIME_FLAG_IN_THE_FIELD: u8 = 6;
+
+/// In the commands for all channels: leave this one alone.
+const NO_CONTROL: u16 = 0x8000;
+
+/// DC motor or servo channel, 0 to 5. The manual's "motor 1" is channel 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Channel(u8);
+
+impl Channel {
+    /// All channels, in order.
+    pub const ALL: [Self; CHANNELS] = [Self(0), Self(1), Self(2), Self(3), Self(4), Self(5)];
+
+    /// Channel `number`, if it is one of 0 to 5.
+    pub const fn new(number: u8) -> Option<Self> {
+        if number < 6 { Some(Self(number)) } else { None }
+    }
+
+    /// 0 to 5, as on the wire.
+    pub const fn number(self) -> u8 {
+        self.0
+    }
+
+    /// 0 to 5, for arrays of [`CHANNELS`].
+    pub fn index(self) -> usize {
+        usize::from(self.0)
+    }
+}
+
+/// Why a frame that arrived intact is not carried out. The board acknowledges it all the same:
+/// the wire has no other answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// A DID that Table II.1 does not list. Counted apart from the others.
+    UnknownDid(u8),
+    /// DATA of this many bytes fits no form of this DID.
+    Length {
+        /// The DID.
+        did: u8,
+        /// Bytes of DATA.
+        len: usize,
+    },
+    /// A channel that does not exist.
+    NoSuchChannel(u8),
+    /// A channel that is listed twice.
+    RepeatedChannel(u8),
+    /// A value out of the range of its field.
+    Value {
+        /// The DID.
+        did: u8,
+        /// The value, as sent.
+        value: u16,
+    },
+    /// A sub-command of DID 7 that Table II.1 does not list, or a gain other than 1 to 3.
+    UnknownSubCommand(u8),
+}
+
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::UnknownDid(did) => write!(f, "DID {did} is not in Table II.1"),
+            Self::Length { did, len } => write!(f, "{len} bytes of DATA fit no form of DID {did}"),
+            Self::NoSuchChannel(channel) => write!(f, "channel {channel} does not exist"),
+            Self::RepeatedChannel(channel) => write!(f, "channel {channel} is listed twice"),
+            Self::Value { did, value } => write!(f, "{value} is out of range in DID {did}"),
+            Self::UnknownSubCommand(byte) => {
+                write!(f, "sub-command {byte:#04x} is not in Table II.1")
+            }
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// What a motion command sets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Quantity {
+    /// DC motor position in sensor counts, 0 to 32767; the sensor may allow less (DIDs 3, 4).
+    Position,
+    /// DC motor PWM, 0 to 32767, neutral at 16384 (DIDs 5, 6).
+    Pwm,
+    /// DC motor velocity in sensor counts per second, -32767 to 32767 (DIDs 26, 27).
+    Velocity,
+    /// Servo pulse width in 1/2250 ms, 500 to 7000 (DIDs 28, 29).
+    Servo,
+}
+
+impl Quantity {
+    /// Every quantity with its DIDs: for a list, and for all channels.
+    const DIDS: [(Self, u8, u8); 4] = [
+        (Self::Position, did::POSITION, did::POSITION_ALL),
+        (Self::Pwm, did::PWM, did::PWM_ALL),
+        (Self::Velocity, did::VELOCITY, did::VELOCITY_ALL),
+        (Self::Servo, did::SERVO, did::SERVO_ALL),
+    ];
+
+    /// What a motion DID sets, and how it addresses the channels.
+    fn of(did: u8) -> Option<(Self, Addressing)> {
+        Self::DIDS.into_iter().find_map(|(quantity, list, all)| match did {
+            _ if did == list => Some((quantity, Addressing::List)),
+            _ if did == all => Some((quantity, Addressing::All)),
+            _ => None,
+        })
+    }
+
+    /// The lowest and highest target that the wire allows.
+    pub const fn range(self) -> (i16, i16) {
+        match self {
+            Self::Position | Self::Pwm => (0, i16::MAX),
+            Self::Velocity => (-i16::MAX, i16::MAX),
+            Self::Servo => (500, 7000),
+        }
+    }
+
+    /// The target that a word of the wire stands for.
+    fn target(self, word: u16) -> Option<i16> {
+        let target = word.cast_signed();
+        let (low, high) = self.range();
+        (low..=high).contains(&target).then_some(target)
+    }
+}
+
+/// The two forms of a motion command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Addressing {
+    /// `[channel lo hi]+ [28 tlo thi]` (DIDs 3, 5, 26, 28).
+    List,
+    /// Six words, optionally a seventh for the time; 0x8000 leaves a channel alone
+    /// (DIDs 4, 6, 27, 29).
+    All,
+}
+
+/// A motion command: targets for some channels, to be reached in some time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Move {
+    /// What the targets are.
+    pub quantity: Quantity,
+    /// Which form the command has on the wire; both mean the same.
+    pub addressing: Addressing,
+    /// Target of each channel in the units of [`Quantity`], or `None` to leave it alone.
+    pub targets: [Option<i16>; CHANNELS],
+    /// Control periods (1 ms) in which the set-point moves there linearly; 0 is at once.
+    pub periods: u16,
+}
+
+/// A sixteenth of the LCD's image (DID 23).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LcdFrame<'a> {
+    /// 0 to 15: even numbers are the left half, odd ones the right, from the top.
+    pub number: u8,
+    /// 64 columns of 8 pixels, the least significant bit on top.
+    pub columns: &'a [u8; LcdFrame::COLUMNS],
+}
+
+impl LcdFrame<'_> {
+    /// Columns of one frame, one byte each.
+    pub const COLUMNS: usize = 64;
+    /// Frames of one image of 128 x 64 pixels.
+    pub const FRAMES: u8 = 16;
+}
+
+/// Whom DID 30 suspends or resumes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Scope {
+    /// All DC motors and all servos.
+    All,
+    /// One DC motor: 0 to 5 on the wire.
+    Motor(Channel),
+    /// One servo: 6 to 11 on the wire.
+    Servo(Channel),
+}
+
+/// The number of the first servo in DID 30.
+const FIRST_SERVO: u8 = 6;
+
+/// Which telemetry a request is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Reports {
+    /// Motor control signals (DID 123).
+    Motors,
+    /// Custom GPIO and A/D (DID 124).
+    CustomIo,
+    /// Sensors (DID 125).
+    Sensors,
+    /// All three of them (DID 127).
+    All,
+}
+
+/// How often telemetry is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Repeat {
+    /// No more.
+    Stop,
+    /// So many times, 1 to 255.
+    Times(core::num::NonZeroU8),
+    /// Until further notice.
+    Continuous,
+}
+
+/// A host's command (Table II.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command<'a> {
+    /// Move DC motors or servos (DIDs 3 to 6 and 26 to 29).
+    Move(Move),
+    /// Set system parameters (DID 7).
+    Parameters(Parameters<'a>),
+    /// Set the eight GPIO outputs; bit 0 is GPIO0 (DID 22).
+    GpioOutputs(u8),
+    /// Show a sixteenth of an image (DID 23).
+    Lcd(LcdFrame<'a>),
+    /// Suspend or resume (DID 30).
+    Run {
+        /// Who is meant.
+        scope: Scope,
+        /// `true` resumes, `false` suspends.
+        run: bool,
+    },
+    /// Ask for telemetry (DIDs 123, 124, 125, 127).
+    Telemetry {
+        /// Which.
+        reports: Reports,
+        /// How often.
+        repeat: Repeat,
+    },
+    /// A ping, or a host's acknowledgement: nothing on the wire tells one from the other
+    /// (DID 255, data 1).
+    PingOrAck,
+    /// The ping that Table II.1 gives the board; some hosts send it too (DID 255, data 0).
+    Ping,
+}
+
+impl<'a> Command<'a> {
+    /// Reads DID and DATA of an intact frame.
+    ///
+    /// # Errors
+    /// [`Refusal`] names the first thing that is wrong. Nothing of such a frame may be used.
+    pub fn parse(did: u8, data: &'a [u8]) -> Result<Self, Refusal> {
+        let bad_length = Refusal::Length { did, len: data.len() };
+        if let Some((quantity, addressing)) = Quantity::of(did) {
+            return parse_move(did, quantity, addressing, data).map(Self::Move);
+        }
+        match (did, data) {
+            (did::PARAMETERS, _) => Parameters::parse(data).map(Self::Parameters),
+            (did::GPIO, &[outputs]) => Ok(Self::GpioOutputs(outputs)),
+            (did::LCD, &[number, ref columns @ ..]) => {
+                let columns = columns.try_into().map_err(|_| bad_length)?;
+                if number >= LcdFrame::FRAMES {
+                    return Err(Refusal::Value { did, value: number.into() });
+                }
+                Ok(Self::Lcd(LcdFrame { number, columns }))
+            }
+            (did::RUN, &[mode]) => Ok(Self::Run { scope: Scope::All, run: flag(did, mode)? }),
+            (did::RUN, &[mode, number]) => {
+                let scope = match number.checked_sub(FIRST_SERVO) {
+                    None => Channel::new(number).map(Scope::Motor),
+                    Some(servo) => Channel::new(servo).map(Scope::Servo),
+                };
+                let scope = scope.ok_or(Refusal::NoSuchChannel(number))?;
+                Ok(Self::Run { scope, run: flag(did, mode)? })
+            }
+            (did::MOTORS | did::CUSTOM_IO | did::SENSORS | did::ALL_REPORTS, [] | [_]) => {
+                let reports = match did {
+                    did::MOTORS => Reports::Motors,
+                    did::CUSTOM_IO => Reports::CustomIo,
+                    did::SENSORS => Reports::Sensors,
+                    _ => Reports::All,
+                };
+                let repeat = match data.first() {
+                    None => Repeat::Continuous,
+                    Some(&count) => {
+                        core::num::NonZeroU8::new(count).map_or(Repeat::Stop, Repeat::Times)
+                    }
+                };
+                Ok(Self::Telemetry { reports, repeat })
+            }
+            (did::SETUP, &[kind]) => {
+                Ok(if flag(did, kind)? { Self::PingOrAck } else { Self::Ping })
+            }
+            (did::GPIO | did::LCD | did::RUN | did::SETUP, _)
+            | (did::MOTORS | did::CUSTOM_IO | did::SENSORS | did::ALL_REPORTS, _) => {
+                Err(bad_length)
+            }
+            _ => Err(Refusal::UnknownDid(did)),
+        }
+    }
+
+    /// The DID that this command has on the wire.
+    pub fn did(&self) -> u8 {
+        match self {
+            Self::Move(command) => {
+                let (_, list, all) = Quantity::DIDS
+                    .into_iter()
+                    .find(|(quantity, ..)| *quantity == command.quantity)
+                    .unwrap_or((Quantity::Position, did::POSITION, did::POSITION_ALL));
+                match command.addressing {
+                    Addressing::List => list,
+                    Addressing::All => all,
+                }
+            }
+            Self::Parameters(_) => did::PARAMETERS,
+            Self::GpioOutputs(_) => did::GPIO,
+            Self::Lcd(_) => did::LCD,
+            Self::Run { .. } => did::RUN,
+            Self::Telemetry { reports, .. } => match reports {
+                Reports::Motors => did::MOTORS,
+                Reports::CustomIo => did::CUSTOM_IO,
+                Reports::Sensors => did::SENSORS,
+                Reports::All => did::ALL_REPORTS,
+            },
+            Self::PingOrAck | Self::Ping => did::SETUP,
+        }
+    }
+
+    /// Writes a whole frame to the PMS5005 into `out`, with `res` in the reserved byte, and
+    /// answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError::NotRepresentable`] for a [`Move`] whose targets are out of range, or whose
+    /// list is empty; the errors of [`Frame::encode`].
+    pub fn encode<'b>(&self, res: u8, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let mut data = Data::new();
+        self.emit(&mut data)?;
+        Frame { rid: RID_PMS5005, res, did: self.did(), data: &data }.encode(out)
+    }
+
+    fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+        match self {
+            Self::Move(command) => emit_move(command, data),
+            Self::Parameters(parameters) => append(data, parameters.as_bytes()),
+            Self::GpioOutputs(outputs) => append(data, &[*outputs]),
+            Self::Lcd(frame) => {
+                if frame.number >= LcdFrame::FRAMES {
+                    return Err(EncodeError::NotRepresentable);
+                }
+                append(data, &[frame.number])?;
+                append(data, frame.columns)
+            }
+            Self::Run { scope, run } => {
+                append(data, &[u8::from(*run)])?;
+                match scope {
+                    Scope::All => Ok(()),
+                    Scope::Motor(channel) => append(data, &[channel.number()]),
+                    Scope::Servo(channel) => {
+                        append(data, &[channel.number().saturating_add(FIRST_SERVO)])
+                    }
+                }
+            }
+            Self::Telemetry { repeat, .. } => match repeat {
+                Repeat::Stop => append(data, &[0]),
+                Repeat::Times(count) => append(data, &[count.get()]),
+                Repeat::Continuous => Ok(()),
+            },
+            Self::PingOrAck => append(data, &[1]),
+            Self::Ping => append(data, &[0]),
+        }
+    }
+}
+
+/// Appends to DATA.
+pub(super) fn append(data: &mut Data, bytes: &[u8]) -> Result<(), EncodeError> {
+    data.extend_from_slice(bytes).map_err(|_| EncodeError::DataTooLong)
+}
+
+/// 0 or 1.
+pub(super) fn flag(did: u8, byte: u8) -> Result<bool, Refusal> {
+    match byte {
+        0 => Ok(false),
+        1 => Ok(true),
+        _ => Err(Refusal::Value { did, value: byte.into() }),
+    }
+}
+
+fn parse_move(
+    did: u8,
+    quantity: Quantity,
+    addressing: Addressing,
+    data: &[u8],
+) -> Result<Move, Refusal> {
+    let bad_length = Refusal::Length { did, len: data.len() };
+    let target = |word| quantity.target(word).ok_or(Refusal::Value { did, value: word });
+    let mut targets = [None; CHANNELS];
+    let periods = match addressing {
+        Addressing::List => {
+            let (entries, periods) = split_time(data).ok_or(bad_length)?;
+            for &[number, low, high] in entries {
+                let channel = Channel::new(number).ok_or(Refusal::NoSuchChannel(number))?;
+                if let Some(slot) = targets.get_mut(channel.index())
+                    && slot.replace(target(u16::from_le_bytes([low, high]))?).is_some()
+                {
+                    return Err(Refusal::RepeatedChannel(number));
+                }
+            }
+            periods
+        }
+        Addressing::All => {
+            let (words, []) = data.as_chunks::<2>() else { return Err(bad_length) };
+            let (values, periods) = match words {
+                [values @ .., time] if values.len() == CHANNELS => {
+                    (values, u16::from_le_bytes(*time))
+                }
+                values if values.len() == CHANNELS => (values, 0),
+                _ => return Err(bad_length),
+            };
+            for (slot, word) in targets.iter_mut().zip(values) {
+                let word = u16::from_le_bytes(*word);
+                if word != NO_CONTROL {
+                    *slot = Some(target(word)?);
+                }
+            }
+            periods
+        }
+    };
+    Ok(Move { quantity, addressing, targets, periods })
+}
+
+/// Splits a list into its entries and its time, which is 0 when there is none. `None` when the
+/// length fits no form.
+fn split_time(data: &[u8]) -> Option<(&[[u8; 3]], u16)> {
+    let (triplets, rest) = data.as_chunks::<3>();
+    match (triplets, rest) {
+        ([], _) => None,
+        ([entries @ .., [TIME_FLAG | TIME_FLAG_IN_THE_FIELD, low, high]], [])
+            if !entries.is_empty() =>
+        {
+            Some((entries, u16::from_le_bytes([*low, *high])))
+        }
+        (entries, []) => Some((entries, 0)),
+        (entries, [low, high]) => Some((entries, u16::from_le_bytes([*low, *high]))),
+        _ => None,
+    }
+}
+
+fn emit_move(command: &Move, data: &mut Data) -> Result<(), EncodeError> {
+    let (low, high) = command.quantity.range();
+    let time = command.periods.to_le_bytes();
+    for (channel, target) in Channel::ALL.into_iter().zip(command.targets) {
+        match (target, command.addressing) {
+            (Some(target), _) if !(low..=high).contains(&target) => {
+                return Err(EncodeError::NotRepresentable);
+            }
+            (Some(target), Addressing::List) => {
+                append(data, &[channel.number()])?;
+                append(data, &target.to_le_bytes())?;
+            }
+            (Some(target), Addressing::All) => append(data, &target.to_le_bytes())?,
+            (None, Addressing::List) => {}
+            (None, Addressing::All) => append(data, &NO_CONTROL.to_le_bytes())?,
+        }
+    }
+    if data.is_empty() {
+        return Err(EncodeError::NotRepresentable);
+    }
+    if command.periods > 0 {
+        if command.addressing == Addressing::List {
+            append(data, &[TIME_FLAG])?;
+        }
+        append(data, &time)?;
+    }
+    Ok(())
+}

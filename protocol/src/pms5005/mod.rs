@@ -1,0 +1,89 @@
+//! The WiRobot PMS5005, protocol version 2.0.2 (March 2008).
+//!
+//! - [`Receiver`] finds frames in a stream, [`Frame`] takes one apart and puts one together;
+//! - [`Command`] is what a host asks for (Table II.1);
+//! - [`Report`] is what the board tells (Tables II.2 to II.4);
+//! - [`ACK`] and [`PING`] are the two short frames that the board sends besides.
+//!
+//! # Where the manual is silent, and what we do
+//! The manual leaves questions open and contradicts itself in places; host programs in the field
+//! have answered some of them. Whoever writes a host should know:
+//!
+//! | question | what this implementation does |
+//! |---|---|
+//! | byte stuffing | There is none. LEN rules reception; `5E 02` and `5E 0D` may stand in DATA. After a damaged frame the next good one is found, even inside the damaged one's bytes. |
+//! | what is acknowledged | Every intact frame with RID 1 whose RES is not 255. The acknowledgement looks like a host's ping (255, data 1), and some hosts answer it with another: those are answered at most once in 200 ms. 255 with data 0 is answered at once. |
+//! | other RIDs | Ignored silently: the line may be shared. |
+//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). |
+//! | bad values, lengths that fit no form | Acknowledged, as the frame arrived intact; nothing of it is carried out, not even the good part of a list. |
+//! | a channel twice in one list | A bad value: nobody can tell which one was meant. |
+//! | Flag before the time of a list | 28 as documented, 6 as some hosts have it, or none at all. |
+//! | time | In control periods of 1 ms. 0 or absent: at once. |
+//! | "leave this channel alone" | The word 0x8000 in DIDs 4, 6, 27 and 29. |
+//! | velocities | Signed, although the manual says 0 to 32767: -400 is `70 FE`. |
+//! | PWM | Duty = (v - 16384) / 16384. 16383 is used as neutral too: both mean stop. |
+//! | servo positions | 1 count is 1/2250 ms. "Roughly 1000 to 6000" is accepted from 500 to 7000; anything else is a bad value, since no servo survives it. |
+//! | Ki | "Integer part M, fraction part N" is read as M + N/100. Hosts exist that mean N/256, or a 16-bit number of hundredths: the firmware has a setting, see [`Gain::Integral`]. |
+//! | false end marks | Hosts that search for `5E 0D` lose frames that hold it. Measured values which would put it there are sent one least significant bit away; counts and flags are never altered. |
+//! | silence | The board sends telemetry or a ping (255, data 0) at least once a second. |
+//! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
+
+mod command;
+mod frame;
+mod parameter;
+mod report;
+
+pub use command::{
+    Addressing, CHANNELS, Channel, Command, LcdFrame, Move, Quantity, Refusal, Repeat, Reports,
+    Scope,
+};
+pub use frame::{
+    Data, ETX, EncodeError, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, RES_NO_ACK, RID_HOST,
+    RID_PMS5005, Receiver, STX,
+};
+pub use parameter::{Gain, Loop, Method, Parameter, Parameters, Polarity, Sensor};
+pub use report::{CustomIoReport, Encoder, MotorReport, Report, SensorReport};
+
+/// Data IDs (Table II.1).
+pub mod did {
+    /// Move listed DC motors to positions.
+    pub const POSITION: u8 = 3;
+    /// Move all DC motors to positions.
+    pub const POSITION_ALL: u8 = 4;
+    /// Drive listed DC motors with a PWM.
+    pub const PWM: u8 = 5;
+    /// Drive all DC motors with a PWM.
+    pub const PWM_ALL: u8 = 6;
+    /// System parameters.
+    pub const PARAMETERS: u8 = 7;
+    /// Custom GPIO outputs.
+    pub const GPIO: u8 = 22;
+    /// One sixteenth of the LCD's image.
+    pub const LCD: u8 = 23;
+    /// Run listed DC motors at velocities.
+    pub const VELOCITY: u8 = 26;
+    /// Run all DC motors at velocities.
+    pub const VELOCITY_ALL: u8 = 27;
+    /// Move listed servos.
+    pub const SERVO: u8 = 28;
+    /// Move all servos.
+    pub const SERVO_ALL: u8 = 29;
+    /// Suspend and resume.
+    pub const RUN: u8 = 30;
+    /// Motor control signals (Table II.2).
+    pub const MOTORS: u8 = 123;
+    /// Custom GPIO and A/D (Table II.3).
+    pub const CUSTOM_IO: u8 = 124;
+    /// Sensors (Table II.4).
+    pub const SENSORS: u8 = 125;
+    /// All three of them.
+    pub const ALL_REPORTS: u8 = 127;
+    /// Ping and acknowledgement.
+    pub const SETUP: u8 = 255;
+}
+
+/// The acknowledgement of section III: RID 0, RES 0, DID 255, data 1.
+pub const ACK: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[1] };
+
+/// "PMS5005 ping PC periodically" (Table II.1): RID 0, RES 0, DID 255, data 0.
+pub const PING: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[0] };

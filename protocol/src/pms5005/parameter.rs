@@ -1,0 +1,298 @@
+//! System parameters: the sub-commands of DID 7 (Table II.1).
+//!
+//! One frame may carry several sub-commands, and one gain sub-command several gains:
+//! `07 ch 01 KpL KpH 02 KdL KdH 03 M N` is what hosts send. [`Parameters`] is DATA that has been
+//! read through once and found well formed; it yields one [`Parameter`] after the other.
+
+use super::command::{Channel, Refusal, append, flag};
+use super::did;
+use super::frame::{Data, EncodeError};
+
+/// Sub-command numbers (Table II.1).
+mod sub {
+    pub const POLARITY: u8 = 0x06;
+    pub const POSITION_GAINS: u8 = 0x07;
+    pub const VELOCITY_GAINS: u8 = 0x08;
+    pub const SENSOR: u8 = 0x0D;
+    pub const METHOD: u8 = 0x0E;
+    pub const COLLISION: u8 = 0x13;
+}
+
+/// Gain numbers within sub-commands 07 and 08 (Table II.1).
+mod gain {
+    pub const PROPORTIONAL: u8 = 1;
+    pub const DERIVATIVE: u8 = 2;
+    pub const INTEGRAL: u8 = 3;
+}
+
+/// Whether the sensor's value rises when the PWM is above 50 % (sub-command 06).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Polarity {
+    /// It rises: 1 on the wire.
+    #[default]
+    Positive,
+    /// It falls: 0xFF on the wire.
+    Negative,
+}
+
+/// The control loop that gains belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Loop {
+    /// Sub-command 07.
+    Position,
+    /// Sub-command 08.
+    Velocity,
+}
+
+/// A gain as it stands on the wire. What it multiplies is the controller's business.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Gain {
+    /// Kp, 0 to 65535 (gain 1).
+    Proportional(u16),
+    /// Kd, 0 to 65535 (gain 2).
+    Derivative(u16),
+    /// Ki: integer part M and fraction part N (gain 3). Hosts disagree on what N counts, so the
+    /// two bytes stand here as they came.
+    Integral {
+        /// M, the first byte.
+        integer: u8,
+        /// N, the second byte.
+        fraction: u8,
+    },
+}
+
+/// The sensor of a channel's control loop (sub-command 0D).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sensor {
+    /// One potentiometer, 0 to 4095.
+    #[default]
+    SinglePotentiometer,
+    /// Two potentiometers half a turn apart, 0 to 4427 and round again.
+    DualPotentiometer,
+    /// A quadrature encoder, 0 to 32767 and round again.
+    Encoder,
+}
+
+/// How a channel is controlled (sub-command 0E).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Method {
+    /// Open loop: the PWM is the command.
+    Pwm,
+    /// Closed loop on position.
+    Position,
+    /// Closed loop on velocity.
+    Velocity,
+}
+
+/// One parameter of one channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Parameter {
+    /// Sub-command 06.
+    Polarity(Channel, Polarity),
+    /// Sub-commands 07 and 08, one gain.
+    Gain(Channel, Loop, Gain),
+    /// Sub-command 0D.
+    Sensor(Channel, Sensor),
+    /// Sub-command 0E.
+    Method(Channel, Method),
+    /// Sub-command 13.
+    CollisionProtection(bool),
+}
+
+impl Parameter {
+    /// Appends the sub-command to DATA; [`Parameters::parse`] makes a command of it.
+    ///
+    /// # Errors
+    /// [`EncodeError::DataTooLong`] when DATA is full.
+    pub fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+        match *self {
+            Self::Polarity(channel, polarity) => {
+                let byte = match polarity {
+                    Polarity::Positive => 1,
+                    Polarity::Negative => 0xFF,
+                };
+                append(data, &[sub::POLARITY, channel.number(), byte])
+            }
+            Self::Gain(channel, control_loop, gain) => {
+                let sub = match control_loop {
+                    Loop::Position => sub::POSITION_GAINS,
+                    Loop::Velocity => sub::VELOCITY_GAINS,
+                };
+                let (number, [first, second]) = match gain {
+                    Gain::Proportional(kp) => (gain::PROPORTIONAL, kp.to_le_bytes()),
+                    Gain::Derivative(kd) => (gain::DERIVATIVE, kd.to_le_bytes()),
+                    Gain::Integral { integer, fraction } => (gain::INTEGRAL, [integer, fraction]),
+                };
+                append(data, &[sub, channel.number(), number, first, second])
+            }
+            Self::Sensor(channel, sensor) => {
+                let byte = match sensor {
+                    Sensor::SinglePotentiometer => 0,
+                    Sensor::DualPotentiometer => 1,
+                    Sensor::Encoder => 2,
+                };
+                append(data, &[sub::SENSOR, channel.number(), byte])
+            }
+            Self::Method(channel, method) => {
+                let byte = match method {
+                    Method::Pwm => 0,
+                    Method::Position => 1,
+                    Method::Velocity => 2,
+                };
+                append(data, &[sub::METHOD, channel.number(), byte])
+            }
+            Self::CollisionProtection(on) => append(data, &[sub::COLLISION, u8::from(on)]),
+        }
+    }
+}
+
+/// DATA of a well-formed DID 7, to be iterated over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Parameters<'a> {
+    bytes: &'a [u8],
+}
+
+impl<'a> Parameters<'a> {
+    /// Reads DATA through.
+    ///
+    /// # Errors
+    /// [`Refusal`] names the first thing that is wrong.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        if bytes.is_empty() {
+            return Err(Refusal::Length { did: did::PARAMETERS, len: 0 });
+        }
+        let mut walk = Walk { rest: bytes, gains_of: None };
+        while walk.next_parameter()?.is_some() {}
+        Ok(Self { bytes })
+    }
+
+    /// The DATA they stand in.
+    pub fn as_bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// The parameters, in the order of the wire.
+    pub fn iter(&self) -> impl Iterator<Item = Parameter> + 'a {
+        let mut walk = Walk { rest: self.bytes, gains_of: None };
+        // DATA was read through by `parse`: there is no error left to lose.
+        core::iter::from_fn(move || walk.next_parameter().ok().flatten())
+    }
+}
+
+/// The walk through DATA.
+struct Walk<'a> {
+    rest: &'a [u8],
+    /// Within sub-command 07 or 08: whose gains these are.
+    gains_of: Option<(Loop, Channel)>,
+}
+
+impl Walk<'_> {
+    fn next_parameter(&mut self) -> Result<Option<Parameter>, Refusal> {
+        if let Some((control_loop, channel)) = self.gains_of
+            && let Some(gain) = self.next_gain()?
+        {
+            return Ok(Some(Parameter::Gain(channel, control_loop, gain)));
+        }
+        let (parameter, rest) = match *self.rest {
+            [] => return Ok(None),
+            [sub::POLARITY, channel, value, ref rest @ ..] => {
+                let polarity = match value {
+                    1 => Polarity::Positive,
+                    0xFF => Polarity::Negative,
+                    _ => return Err(bad_value(value)),
+                };
+                (Parameter::Polarity(existing(channel)?, polarity), rest)
+            }
+            [sub @ (sub::POSITION_GAINS | sub::VELOCITY_GAINS), channel, ref rest @ ..] => {
+                let control_loop =
+                    if sub == sub::POSITION_GAINS { Loop::Position } else { Loop::Velocity };
+                let channel = existing(channel)?;
+                self.rest = rest;
+                self.gains_of = Some((control_loop, channel));
+                let gain = self.next_gain()?.ok_or_else(|| self.cut_short(rest))?;
+                return Ok(Some(Parameter::Gain(channel, control_loop, gain)));
+            }
+            [sub::SENSOR, channel, value, ref rest @ ..] => {
+                let sensor = match value {
+                    0 => Sensor::SinglePotentiometer,
+                    1 => Sensor::DualPotentiometer,
+                    2 => Sensor::Encoder,
+                    _ => return Err(bad_value(value)),
+                };
+                (Parameter::Sensor(existing(channel)?, sensor), rest)
+            }
+            [sub::METHOD, channel, value, ref rest @ ..] => {
+                let method = match value {
+                    0 => Method::Pwm,
+                    1 => Method::Position,
+                    2 => Method::Velocity,
+                    _ => return Err(bad_value(value)),
+                };
+                (Parameter::Method(existing(channel)?, method), rest)
+            }
+            [sub::COLLISION, value, ref rest @ ..] => {
+                (Parameter::CollisionProtection(flag(did::PARAMETERS, value)?), rest)
+            }
+            ref rest => return Err(self.cut_short(rest)),
+        };
+        self.rest = rest;
+        self.gains_of = None;
+        Ok(Some(parameter))
+    }
+
+    /// The next gain of the open gain sub-command, `None` where something else begins.
+    fn next_gain(&mut self) -> Result<Option<Gain>, Refusal> {
+        let (gain, rest) = match *self.rest {
+            [gain::PROPORTIONAL, low, high, ref rest @ ..] => {
+                (Gain::Proportional(u16::from_le_bytes([low, high])), rest)
+            }
+            [gain::DERIVATIVE, low, high, ref rest @ ..] => {
+                (Gain::Derivative(u16::from_le_bytes([low, high])), rest)
+            }
+            [gain::INTEGRAL, integer, fraction, ref rest @ ..] => {
+                (Gain::Integral { integer, fraction }, rest)
+            }
+            [gain::PROPORTIONAL..=gain::INTEGRAL, ref rest @ ..] => {
+                return Err(self.cut_short(rest));
+            }
+            _ => return Ok(None),
+        };
+        self.rest = rest;
+        Ok(Some(gain))
+    }
+
+    /// The refusal of bytes that begin no complete sub-command.
+    fn cut_short(&self, rest: &[u8]) -> Refusal {
+        match rest.first() {
+            Some(&byte)
+                if ![
+                    sub::POLARITY,
+                    sub::POSITION_GAINS,
+                    sub::VELOCITY_GAINS,
+                    sub::SENSOR,
+                    sub::METHOD,
+                    sub::COLLISION,
+                ]
+                .contains(&byte) =>
+            {
+                Refusal::UnknownSubCommand(byte)
+            }
+            _ => Refusal::Length { did: did::PARAMETERS, len: self.rest.len() },
+        }
+    }
+}
+
+fn existing(channel: u8) -> Result<Channel, Refusal> {
+    Channel::new(channel).ok_or(Refusal::NoSuchChannel(channel))
+}
+
+fn bad_value(value: u8) -> Refusal {
+    Refusal::Value { did: did::PARAMETERS, value: value.into() }
+}
