@@ -13,13 +13,15 @@
 //!   the three reports take turns, so that none starves;
 //! - the host hears from us at least once a second: telemetry, or a ping.
 
+use core::num::NonZeroU8;
+
 use embassy_time::{Duration, Instant};
 use protocol::pms5005::{
     self as wire, ACK, CustomIoReport, Encoder, Frame, MotorReport, Move, PING, Quantity,
     RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report, Reports, SensorReport,
 };
 
-use crate::controller::{Command, Configuration, EncoderReading, Refused, Snapshot};
+use crate::controller::{Command, Configuration, EncoderReading, Snapshot};
 use crate::fmt::warning;
 use crate::settings::LinkSettings;
 use crate::units::Duty;
@@ -95,10 +97,17 @@ struct Stream {
 
 /// The session. See the [module](self).
 pub struct Session {
-    settings: LinkSettings,
     receiver: Receiver,
     /// When the pending candidate's first byte came, and when its last.
     candidate: Option<(Instant, Instant)>,
+    /// Apart from the receiver, because a frame borrows that while it is answered.
+    answers: Answers,
+}
+
+/// What a session owes its host.
+struct Answers {
+    settings: LinkSettings,
+    /// In the order of [`REPORTS`].
     streams: [Stream; 3],
     /// The stream whose turn it is.
     turn: usize,
@@ -109,25 +118,28 @@ pub struct Session {
     counters: LinkCounters,
 }
 
-/// The reports in the order of [`Session::streams`].
 const REPORTS: [Reports; 3] = [Reports::Motors, Reports::CustomIo, Reports::Sensors];
 
 impl Session {
     /// Room for the longest frame that a session sends.
     pub const MAX_FRAME: usize = Report::MAX_FRAME;
 
-    /// A session at boot: "it will keep sending all sensor data to the host" (section III).
+    /// A session at boot: "it will keep sending all sensor data to the host" (section III). It
+    /// begins after one period, when there is something to tell.
     pub fn new(settings: LinkSettings, now: Instant) -> Self {
+        let due = now.saturating_add(telemetry_period(&settings));
         Self {
-            settings,
             receiver: Receiver::new(),
             candidate: None,
-            streams: [Stream { repeat: Repeat::Continuous, due: now }; 3],
-            turn: 0,
-            acks_waiting: 0,
-            ping_answered: None,
-            spoke: now,
-            counters: LinkCounters::default(),
+            answers: Answers {
+                settings,
+                streams: [Stream { repeat: Repeat::Continuous, due }; 3],
+                turn: 0,
+                acks_waiting: 0,
+                ping_answered: None,
+                spoke: now,
+                counters: LinkCounters::default(),
+            },
         }
     }
 
@@ -138,7 +150,7 @@ impl Session {
             frames_ok: reception.frames_ok,
             bad_frames: reception.bad_frames,
             bytes_skipped: reception.bytes_skipped,
-            ..self.counters
+            ..self.answers.counters
         }
     }
 
@@ -147,19 +159,9 @@ impl Session {
     pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         let anything_new = !bytes.is_empty();
         while let Some(frame) = self.receiver.receive(bytes) {
-            let request = respond(
-                frame,
-                now,
-                Replies {
-                    counters: &mut self.counters,
-                    acks_waiting: &mut self.acks_waiting,
-                    ping_answered: &mut self.ping_answered,
-                    streams: &mut self.streams,
-                },
-            );
             self.candidate = None;
-            if request.is_some() {
-                return request;
+            if let Some(request) = self.answers.respond(frame, now) {
+                return Some(request);
             }
         }
         if self.receiver.pending() == 0 {
@@ -186,18 +188,8 @@ impl Session {
             return None;
         }
         while let Some(frame) = self.receiver.give_up() {
-            let request = respond(
-                frame,
-                now,
-                Replies {
-                    counters: &mut self.counters,
-                    acks_waiting: &mut self.acks_waiting,
-                    ping_answered: &mut self.ping_answered,
-                    streams: &mut self.streams,
-                },
-            );
-            if request.is_some() {
-                return request;
+            if let Some(request) = self.answers.respond(frame, now) {
+                return Some(request);
             }
         }
         self.candidate = None;
@@ -206,14 +198,7 @@ impl Session {
 
     /// When there will be something to send; it may be now or past.
     pub fn sends_at(&self) -> Instant {
-        if self.acks_waiting > 0 {
-            return Instant::MIN;
-        }
-        let ping = self.spoke.saturating_add(PING_PERIOD);
-        self.streams
-            .iter()
-            .filter(|stream| stream.repeat != Repeat::Stop)
-            .fold(ping, |earliest, stream| earliest.min(stream.due))
+        self.answers.due_at()
     }
 
     /// The next frame to send, written into `out`; `None` if there is nothing to say now. Call it
@@ -224,130 +209,165 @@ impl Session {
         snapshot: &Snapshot,
         out: &'b mut [u8],
     ) -> Option<&'b [u8]> {
+        let frame = match self.answers.next(now)? {
+            Answer::Ack => ACK.encode(out),
+            Answer::Ping => PING.encode(out),
+            Answer::Telemetry(reports) => report(reports, snapshot).encode(out),
+        };
+        frame.ok().map(|frame| &*frame)
+    }
+}
+
+/// What a session says.
+enum Answer {
+    Ack,
+    Telemetry(Reports),
+    Ping,
+}
+
+impl Answers {
+    fn due_at(&self) -> Instant {
+        if self.acks_waiting > 0 {
+            return Instant::MIN;
+        }
+        let ping = self.spoke.saturating_add(PING_PERIOD);
+        self.streams
+            .iter()
+            .filter(|stream| stream.repeat != Repeat::Stop)
+            .fold(ping, |earliest, stream| earliest.min(stream.due))
+    }
+
+    /// What is to be said first, if anything; it counts as said.
+    fn next(&mut self, now: Instant) -> Option<Answer> {
         if let Some(waiting) = self.acks_waiting.checked_sub(1) {
             self.acks_waiting = waiting;
-            self.counters.acks_sent = self.counters.acks_sent.wrapping_add(1);
-            return ACK.encode(out).ok().map(|frame| &*frame);
-        }
-        if let Some(reports) = self.next_report(now) {
+            count(&mut self.counters.acks_sent, 1);
+            Some(Answer::Ack)
+        } else if let Some(reports) = self.next_report(now) {
             self.spoke = now;
-            self.counters.telemetry_sent = self.counters.telemetry_sent.wrapping_add(1);
-            return report(reports, snapshot).encode(out).ok().map(|frame| &*frame);
-        }
-        if now >= self.spoke.saturating_add(PING_PERIOD) {
+            count(&mut self.counters.telemetry_sent, 1);
+            Some(Answer::Telemetry(reports))
+        } else if now >= self.spoke.saturating_add(PING_PERIOD) {
             self.spoke = now;
-            self.counters.pings_sent = self.counters.pings_sent.wrapping_add(1);
-            return PING.encode(out).ok().map(|frame| &*frame);
+            count(&mut self.counters.pings_sent, 1);
+            Some(Answer::Ping)
+        } else {
+            None
         }
-        None
     }
 
     /// The report that is due, if any, the streams taking turns; its stream moves on to its next
     /// period, past those that it has missed.
     fn next_report(&mut self, now: Instant) -> Option<Reports> {
-        let period = Duration::from_millis(self.settings.telemetry_period_ms.max(1).into());
-        let turn = (0..REPORTS.len()).map(|k| (self.turn + k) % REPORTS.len()).find(|&turn| {
-            let stream = &self.streams[turn];
-            stream.repeat != Repeat::Stop && stream.due <= now
-        })?;
+        let period = telemetry_period(&self.settings);
+        let is_due = |stream: &Stream| stream.repeat != Repeat::Stop && stream.due <= now;
+        let turn = (0..REPORTS.len())
+            .map(|k| (self.turn + k) % REPORTS.len())
+            .find(|&turn| is_due(&self.streams[turn]))?;
+        self.turn = (turn + 1) % REPORTS.len();
         let stream = &mut self.streams[turn];
-        if let Repeat::Times(count) = stream.repeat {
-            stream.repeat =
-                core::num::NonZeroU8::new(count.get() - 1).map_or(Repeat::Stop, Repeat::Times);
+        if let Repeat::Times(times) = stream.repeat {
+            let left = NonZeroU8::new(times.get() - 1);
+            stream.repeat = left.map_or(Repeat::Stop, Repeat::Times);
         }
         let missed = (now - stream.due).as_ticks() / period.as_ticks();
-        self.counters.telemetry_skipped =
-            self.counters.telemetry_skipped.wrapping_add(missed as u32);
-        stream.due += period * (missed as u32 + 1);
-        self.turn = (turn + 1) % REPORTS.len();
+        stream.due += Duration::from_ticks((missed + 1) * period.as_ticks());
+        count(&mut self.counters.telemetry_skipped, missed as u32); // wraps, as documented
         Some(REPORTS[turn])
     }
-}
 
-/// The part of a session that a frame may change; apart, because the frame borrows the receiver.
-struct Replies<'a> {
-    counters: &'a mut LinkCounters,
-    acks_waiting: &'a mut u16,
-    ping_answered: &'a mut Option<Instant>,
-    streams: &'a mut [Stream; 3],
-}
-
-/// Does what an intact frame asks of the session, and yields what it asks of the board.
-fn respond(frame: &[u8], now: Instant, replies: Replies<'_>) -> Option<Request> {
-    let frame = Frame::parse(frame)?;
-    let counters = replies.counters;
-    if frame.rid != RID_PMS5005 {
-        counters.not_for_us = counters.not_for_us.wrapping_add(1);
-        return None;
+    /// Does what an intact frame asks of the session, and yields what it asks of the board.
+    fn respond(&mut self, frame: &[u8], now: Instant) -> Option<Request> {
+        let frame = Frame::parse(frame)?;
+        if frame.rid != RID_PMS5005 {
+            count(&mut self.counters.not_for_us, 1);
+            return None;
+        }
+        count(&mut self.counters.frames_for_us, 1);
+        let command = wire::Command::parse(frame.did, frame.data);
+        if frame.res != RES_NO_ACK {
+            self.acknowledge(command == Ok(wire::Command::PingOrAck), now);
+        }
+        match command {
+            Ok(command) => self.carry_out(command, now),
+            Err(unknown @ Refusal::UnknownDid(_)) => {
+                count(&mut self.counters.unknown, 1);
+                warning!("frame ignored: {}", unknown);
+                None
+            }
+            Err(refusal) => {
+                count(&mut self.counters.refused, 1);
+                warning!("frame not carried out: {}", refusal);
+                None
+            }
+        }
     }
-    counters.frames_for_us = counters.frames_for_us.wrapping_add(1);
-    let command = wire::Command::parse(frame.did, frame.data);
 
-    let may_be_an_ack = command == Ok(wire::Command::PingOrAck);
-    let answered_just_now = replies.ping_answered.is_some_and(|at| now - at < PING_ANSWER_PERIOD);
-    if frame.res != RES_NO_ACK && !(may_be_an_ack && answered_just_now) {
+    /// Queues an acknowledgement, unless the frame may be one itself and another such frame was
+    /// answered just now.
+    fn acknowledge(&mut self, may_be_an_ack: bool, now: Instant) {
         if may_be_an_ack {
-            *replies.ping_answered = Some(now);
+            if self.ping_answered.is_some_and(|at| now - at < PING_ANSWER_PERIOD) {
+                return;
+            }
+            self.ping_answered = Some(now);
         }
-        if *replies.acks_waiting < ACKS_WAITING {
-            *replies.acks_waiting += 1;
+        if self.acks_waiting < ACKS_WAITING {
+            self.acks_waiting += 1;
         } else {
-            counters.acks_dropped = counters.acks_dropped.wrapping_add(1);
+            count(&mut self.counters.acks_dropped, 1);
         }
     }
 
-    let request = command.map_err(Reason::Wire).and_then(|command| match command {
-        wire::Command::Move(command) => Ok(Some(Request::Control(motion(&command)))),
-        wire::Command::Parameters(parameters) => {
-            let mut configuration = Configuration::default();
-            parameters
-                .iter()
-                .try_for_each(|parameter| configuration.add(parameter))
-                .map_err(Reason::Board)?;
-            Ok(Some(Request::Control(Command::Configure(configuration))))
-        }
-        wire::Command::GpioOutputs(outputs) => Ok(Some(Request::Control(Command::Gpio(outputs)))),
-        wire::Command::Lcd(frame) => {
-            Ok(Some(Request::Show(Picture { number: frame.number, columns: *frame.columns })))
-        }
-        wire::Command::Run { scope, run } => {
-            Ok(Some(Request::Control(Command::Run { scope, run })))
-        }
-        wire::Command::Telemetry { reports, repeat } => {
-            for (stream, of) in replies.streams.iter_mut().zip(REPORTS) {
-                if reports == of || reports == Reports::All {
-                    // A stream that runs keeps its rhythm, or a host that asks often would get
-                    // more than a period allows.
-                    if stream.repeat == Repeat::Stop && stream.due < now {
-                        stream.due = now;
+    fn carry_out(&mut self, command: wire::Command<'_>, now: Instant) -> Option<Request> {
+        let control = |command| Some(Request::Control(command));
+        match command {
+            wire::Command::Move(command) => control(motion(&command)),
+            wire::Command::Parameters(parameters) => {
+                let mut configuration = Configuration::default();
+                match parameters.iter().try_for_each(|parameter| configuration.add(parameter)) {
+                    Ok(()) => control(Command::Configure(configuration)),
+                    Err(refused) => {
+                        count(&mut self.counters.refused, 1);
+                        warning!("frame not carried out: {}", refused);
+                        None
                     }
-                    stream.repeat = repeat;
                 }
             }
-            Ok(None)
+            wire::Command::GpioOutputs(outputs) => control(Command::Gpio(outputs)),
+            wire::Command::Lcd(frame) => {
+                Some(Request::Show(Picture { number: frame.number, columns: *frame.columns }))
+            }
+            wire::Command::Run { scope, run } => control(Command::Run { scope, run }),
+            wire::Command::Telemetry { reports, repeat } => {
+                self.stream(reports, repeat, now);
+                None
+            }
+            wire::Command::PingOrAck | wire::Command::Ping => None,
         }
-        wire::Command::PingOrAck | wire::Command::Ping => Ok(None),
-    });
-    match request {
-        Ok(request) => request,
-        Err(reason) => {
-            let counter = match reason {
-                Reason::Wire(Refusal::UnknownDid(_)) => &mut counters.unknown,
-                _ => &mut counters.refused,
-            };
-            *counter = counter.wrapping_add(1);
-            warning!("frame not carried out: {}", reason);
-            None
+    }
+
+    /// Starts and stops telemetry. A stream that runs keeps its rhythm, or a host that asks often
+    /// would get more than a period allows.
+    fn stream(&mut self, reports: Reports, repeat: Repeat, now: Instant) {
+        for (stream, of) in self.streams.iter_mut().zip(REPORTS) {
+            if reports == of || reports == Reports::All {
+                if stream.repeat == Repeat::Stop {
+                    stream.due = stream.due.max(now);
+                }
+                stream.repeat = repeat;
+            }
         }
     }
 }
 
-/// Why a frame is not carried out.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-enum Reason {
-    Wire(Refusal),
-    Board(#[cfg_attr(not(any(feature = "defmt", feature = "log")), allow(dead_code))] Refused),
+/// Counters wrap.
+fn count(counter: &mut u32, more: u32) {
+    *counter = counter.wrapping_add(more);
+}
+
+fn telemetry_period(settings: &LinkSettings) -> Duration {
+    Duration::from_millis(settings.telemetry_period_ms.max(1).into())
 }
 
 /// The wire's motion command in the controller's vocabulary.

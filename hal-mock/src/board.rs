@@ -1,0 +1,182 @@
+//! The virtual board: the firmware's own tasks over the simulated ports, on virtual time.
+//!
+//! ```
+//! use embassy_time::Duration;
+//! use hal_mock::board::VirtualBoard;
+//! use protocol::pms5005::Command;
+//!
+//! let mut board = VirtualBoard::default();
+//! let mut buffer = [0; 16];
+//! board.line.host_sends(Command::GpioOutputs(0x81).encode(0, &mut buffer).unwrap());
+//! board.run_for(Duration::from_millis(10));
+//! assert_eq!(board.plant.borrow().outputs.gpio, 0x81);
+//! ```
+
+use std::cell::RefCell;
+use std::pin::Pin;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Context, Wake, Waker};
+
+use embassy_futures::join::join4;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_time::{Duration, Instant, Timer};
+use firmware::app::{self, Channels};
+use firmware::controller::{Controller, Snapshot};
+use firmware::personality::pms5005::{LinkCounters, Session};
+use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
+use firmware::settings::Settings;
+
+use crate::clock;
+use crate::plant::{Plant, Scene};
+use crate::wire::Line;
+
+/// How long a reading of the slow sensors takes.
+const SENSOR_PERIOD: Duration = Duration::from_millis(20);
+
+/// What a virtual board is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Make {
+    /// The world around it.
+    pub scene: Scene,
+    /// The firmware's settings.
+    pub settings: Settings,
+    /// The line's speed in baud; 0 takes no time.
+    pub line_rate: u32,
+    /// Seed of every noise.
+    pub seed: u64,
+}
+
+impl Default for Make {
+    fn default() -> Self {
+        Self { scene: Scene::default(), settings: Settings::DEFAULT, line_rate: 115_200, seed: 1 }
+    }
+}
+
+/// A PMS5005 on virtual time. There is one at a time in a thread: making another sets the
+/// thread's clock back to zero.
+pub struct VirtualBoard {
+    app: Pin<Box<dyn Future<Output = ()>>>,
+    woken: Arc<Woken>,
+    waker: Waker,
+    channels: Rc<Channels<NoopRawMutex>>,
+    /// The world around the board.
+    pub plant: Rc<RefCell<Plant>>,
+    /// The line to the host.
+    pub line: Line,
+}
+
+impl VirtualBoard {
+    /// A board that has just been switched on.
+    pub fn new(make: Make) -> Self {
+        clock::reset();
+        let plant = Rc::new(RefCell::new(Plant::new(make.scene, make.seed)));
+        let line = Line::new(make.line_rate);
+        let channels = Rc::new(Channels::new());
+        let app = Box::pin({
+            let (rx, tx) = line.board_end();
+            let motion = Bench(plant.clone());
+            let sensors = SlowBench { plant: plant.clone(), started: false };
+            let lcd = Bench(plant.clone());
+            let channels = channels.clone();
+            async move {
+                let controller = Controller::new(make.settings.control);
+                let session = Session::new(make.settings.link, Instant::now());
+                join4(
+                    app::control(motion, controller, &channels),
+                    app::sensors(sensors, &channels),
+                    app::display(lcd, &channels),
+                    app::link(rx, tx, session, &channels),
+                )
+                .await;
+            }
+        });
+        let woken = Arc::new(Woken(AtomicBool::new(true)));
+        let waker = Waker::from(woken.clone());
+        Self { app, woken, waker, channels, plant, line }
+    }
+
+    /// Runs until `time`.
+    pub fn run_until(&mut self, time: Instant) {
+        loop {
+            while self.woken.0.swap(false, Ordering::Relaxed) {
+                let _ = self.app.as_mut().poll(&mut Context::from_waker(&self.waker));
+            }
+            match clock::next_alarm() {
+                Some(alarm) if alarm <= time => clock::advance_to(alarm),
+                _ => break,
+            }
+        }
+        clock::advance_to(time);
+        self.plant.borrow_mut().advance_to(time.as_millis());
+    }
+
+    /// Runs for some time.
+    pub fn run_for(&mut self, time: Duration) {
+        self.run_until(Instant::now() + time);
+    }
+
+    /// What the controller last knew.
+    pub fn snapshot(&self) -> Snapshot {
+        self.channels.snapshot.get()
+    }
+
+    /// The link's counters.
+    pub fn link(&self) -> LinkCounters {
+        self.channels.link.get()
+    }
+}
+
+impl Default for VirtualBoard {
+    fn default() -> Self {
+        Self::new(Make::default())
+    }
+}
+
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// The ports that answer at once.
+struct Bench(Rc<RefCell<Plant>>);
+
+impl MotionPort for Bench {
+    fn sample(&mut self) -> MotionInputs {
+        let mut plant = self.0.borrow_mut();
+        plant.advance_to(Instant::now().as_millis());
+        plant.motion_inputs()
+    }
+
+    fn drive(&mut self, outputs: &Outputs) {
+        self.0.borrow_mut().outputs = *outputs;
+    }
+}
+
+impl LcdPort for Bench {
+    async fn show(&mut self, number: u8, columns: &[u8; 64]) {
+        if let Some(frame) = self.0.borrow_mut().lcd.get_mut(usize::from(number)) {
+            *frame = *columns;
+        }
+    }
+}
+
+/// The sensors that take their time.
+struct SlowBench {
+    plant: Rc<RefCell<Plant>>,
+    started: bool,
+}
+
+impl SensorPort for SlowBench {
+    async fn read(&mut self) -> Sensors {
+        if self.started {
+            Timer::after(SENSOR_PERIOD).await;
+        }
+        self.started = true;
+        self.plant.borrow_mut().sensors()
+    }
+}

@@ -1,0 +1,270 @@
+//! The simulated world on the other side of the ports.
+//!
+//! A [`Plant`] is built from a [`Scene`], moves in steps of 1 ms, and reads like the board's
+//! converters and counters. [`Overrides`] replace what sensors read, and block shafts, without
+//! touching what is simulated behind them.
+//!
+//! Arithmetic is `f32` with nothing but the four operations, so that a computer and a Cortex-M4
+//! agree to the bit. Noise comes from one seeded generator.
+
+mod convert;
+mod motor;
+mod scene;
+mod servo;
+
+use core::array;
+
+use firmware::control::potentiometer;
+use firmware::ports::{MotionInputs, Outputs, Sensors};
+
+pub use motor::Motor;
+pub use scene::{BatteryScene, Environment, MotorScene, Scene, ShaftSensor};
+pub use servo::Servo;
+
+/// Length of a step in seconds.
+pub const STEP_S: f32 = 0.001;
+
+/// What a user has put in place of the simulation. `None` is the simulation's own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Overrides {
+    /// Potentiometers, A/D counts.
+    pub potentiometers: [Option<u16>; 6],
+    /// Motor currents, A/D counts.
+    pub currents: [Option<u16>; 6],
+    /// Custom A/D channels, A/D counts.
+    pub custom_ad: [Option<u16>; 8],
+    /// Human sensors, A/D counts.
+    pub human: [Option<u16>; 4],
+    /// Tilt sensors, A/D counts.
+    pub tilt: [Option<u16>; 2],
+    /// Driver temperatures, A/D counts.
+    pub overheat: [Option<u16>; 2],
+    /// Ambient temperature, A/D counts.
+    pub temperature: Option<u16>,
+    /// Infrared range, A/D counts.
+    pub ir_range: Option<u16>,
+    /// Batteries: board, motors, servos; A/D counts.
+    pub battery: [Option<u16>; 3],
+    /// Vcc and Vref, A/D counts.
+    pub reference: [Option<u16>; 2],
+    /// Ultrasonic ranges, cm.
+    pub sonar_cm: [Option<u8>; 6],
+    /// Infrared remote control.
+    pub ir_command: [Option<u8>; 4],
+    /// Input port.
+    pub gpio_in: Option<u8>,
+    /// Blocked shafts.
+    pub jam: [Option<bool>; 6],
+}
+
+/// The world. See the [module](self).
+pub struct Plant {
+    scene: Scene,
+    /// DC motors with their shafts.
+    pub motors: [Motor; 6],
+    /// Servos.
+    pub servos: [Servo; 6],
+    /// What the board drives.
+    pub outputs: Outputs,
+    /// What a user has put in place of the simulation.
+    pub overrides: Overrides,
+    /// The LCD's sixteen frames of 64 columns, as the protocol numbers them.
+    pub lcd: [[u8; 64]; 16],
+    /// Motor supply in volts, sagging under load.
+    supply_v: f32,
+    noise: fastrand::Rng,
+    /// Milliseconds simulated.
+    now_ms: u64,
+}
+
+impl Plant {
+    /// A world at rest.
+    pub fn new(scene: Scene, seed: u64) -> Self {
+        Self {
+            motors: array::from_fn(|i| Motor::new(scene.motors[i])),
+            servos: [Servo::default(); 6],
+            outputs: Outputs::default(),
+            overrides: Overrides::default(),
+            lcd: [[0; 64]; 16],
+            supply_v: scene.battery.motor_v,
+            noise: fastrand::Rng::with_seed(seed),
+            now_ms: 0,
+            scene,
+        }
+    }
+
+    /// Lets time pass until `ms` milliseconds after the beginning, under the outputs as they are.
+    pub fn advance_to(&mut self, ms: u64) {
+        while self.now_ms < ms {
+            self.now_ms += 1;
+            self.step();
+        }
+    }
+
+    fn step(&mut self) {
+        let battery = self.scene.battery;
+        let supply = self.supply_v / battery.motor_nominal_v;
+        let mut load_a = 0.0;
+        for (i, motor) in self.motors.iter_mut().enumerate() {
+            let jammed = self.overrides.jam[i].unwrap_or(false);
+            motor.step(self.outputs.motors[i], supply, jammed);
+            load_a += motor.current_a();
+        }
+        // A battery charges no motor here: a braking motor's current stays in its bridge.
+        self.supply_v = (battery.motor_v - load_a * battery.motor_resistance_ohm).max(0.0);
+        for (servo, pulse) in self.servos.iter_mut().zip(self.outputs.servos) {
+            servo.step(pulse);
+        }
+    }
+
+    /// What the converters and counters of the motion hardware read.
+    pub fn motion_inputs(&mut self) -> MotionInputs {
+        let mut potentiometers = [convert::MID_SCALE; 6];
+        for (i, motor) in self.motors.iter().enumerate() {
+            match motor.scene().sensor {
+                ShaftSensor::Potentiometer => potentiometers[i] = motor.potentiometer(0.0),
+                ShaftSensor::DualPotentiometer => {
+                    if let Some(&(first, second)) = potentiometer::PAIRS.get(i) {
+                        potentiometers[first] = motor.potentiometer(0.0);
+                        potentiometers[second] = motor.potentiometer(motor::HALF_TURN);
+                    }
+                }
+                ShaftSensor::Encoder | ShaftSensor::None => {}
+            }
+        }
+        MotionInputs {
+            potentiometers: array::from_fn(|i| {
+                let read = self.converter(potentiometers[i]);
+                self.overrides.potentiometers[i].unwrap_or(read)
+            }),
+            currents: array::from_fn(|i| {
+                let read = self.converter(convert::current(self.motors[i].current_a()));
+                self.overrides.currents[i].unwrap_or(read)
+            }),
+            encoders: array::from_fn(|i| self.motors[i].encoder()),
+        }
+    }
+
+    /// What the other sensors read.
+    pub fn sensors(&mut self) -> Sensors {
+        let world = self.scene.environment;
+        let battery = self.scene.battery;
+        let set = self.overrides.clone();
+        let battery_ad = [
+            convert::volts(battery.main_v, 9.0),
+            convert::volts(self.supply_v, 24.0),
+            convert::volts(battery.servo_v, 9.0),
+        ];
+        let reference_ad = [convert::volts(5.0, 6.0), convert::volts(3.0, 6.0)];
+        Sensors {
+            custom_ad: array::from_fn(|i| {
+                let read = self.converter(convert::volts(world.custom_v[i], 3.0));
+                set.custom_ad[i].unwrap_or(read)
+            }),
+            gpio_in: set.gpio_in.unwrap_or(world.gpio_in),
+            sonar_cm: array::from_fn(|i| set.sonar_cm[i].unwrap_or(world.sonar_cm[i])),
+            human: array::from_fn(|i| {
+                let read = self.converter(convert::MID_SCALE);
+                set.human[i].unwrap_or(read)
+            }),
+            tilt: array::from_fn(|i| {
+                let read = self.converter(convert::tilt(world.tilt_g[i]));
+                set.tilt[i].unwrap_or(read)
+            }),
+            overheat: array::from_fn(|i| {
+                let read = self.converter(convert::driver_temperature(world.driver_c[i]));
+                set.overheat[i].unwrap_or(read)
+            }),
+            temperature: {
+                let read = self.converter(convert::temperature(world.ambient_c));
+                set.temperature.unwrap_or(read)
+            },
+            ir_range: {
+                let read = self.converter(convert::ir_range(world.ir_range_cm));
+                set.ir_range.unwrap_or(read)
+            },
+            ir_command: array::from_fn(|i| set.ir_command[i].unwrap_or(0)),
+            battery: array::from_fn(|i| {
+                let read = self.converter(battery_ad[i]);
+                set.battery[i].unwrap_or(read)
+            }),
+            reference: array::from_fn(|i| {
+                let read = self.converter(reference_ad[i]);
+                set.reference[i].unwrap_or(read)
+            }),
+        }
+    }
+
+    /// An A/D conversion: noise, rounding, the converter's range.
+    fn converter(&mut self, ideal: f32) -> u16 {
+        let noise = (self.noise.f32() + self.noise.f32() - 1.0) * self.scene.noise_lsb;
+        convert::quantise(ideal + noise)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use firmware::ports::MotorOutput;
+    use firmware::units::Duty;
+
+    fn driven(raw: i32) -> Outputs {
+        let mut outputs = Outputs::default();
+        outputs.motors[0] = MotorOutput { duty: Duty::from_raw(raw), enabled: true };
+        outputs
+    }
+
+    #[test]
+    fn a_wheel_runs_up_with_its_time_constant_and_coasts_longer_than_it_brakes() {
+        let mut plant = Plant::new(Scene::default(), 1);
+        plant.outputs = driven(16384);
+        plant.advance_to(60);
+        let speed = plant.motors[0].velocity();
+        // One time constant: 63 % of the speed, less friction and sag.
+        assert!((9000.0..10_500.0).contains(&speed), "{speed}");
+        plant.advance_to(1000);
+        let top = plant.motors[0].velocity();
+        assert!((15_000.0..16_384.0).contains(&top), "{top}");
+
+        let slowed = |outputs| {
+            let mut plant = Plant::new(Scene::default(), 1);
+            plant.outputs = driven(16384);
+            plant.advance_to(1000);
+            plant.outputs = outputs;
+            plant.advance_to(1100);
+            plant.motors[0].velocity()
+        };
+        assert!(slowed(driven(0)) < 0.25 * top);
+        assert!(slowed(Outputs::default()) > 0.5 * top);
+    }
+
+    #[test]
+    fn a_jammed_shaft_draws_stall_current_and_the_supply_sags() {
+        let mut plant = Plant::new(Scene::default(), 1);
+        plant.outputs = driven(16384);
+        plant.overrides.jam[0] = Some(true);
+        plant.advance_to(100);
+        assert_eq!(plant.motors[0].position(), 0);
+        let current = plant.motion_inputs().currents[0];
+        assert!((2000..2200).contains(&current), "{current}: about 3 A of 728 a volt");
+        let battery = plant.sensors().battery[1];
+        assert!((1900..2040).contains(&battery), "{battery}: below 12 V");
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_noise_and_another_does_not() {
+        let read = |seed| Plant::new(Scene::default(), seed).motion_inputs().potentiometers;
+        assert_eq!(read(7), read(7));
+        assert_ne!(read(7), read(8));
+    }
+
+    #[test]
+    fn the_encoder_counter_wraps_at_16_bits_both_ways() {
+        let mut plant = Plant::new(Scene::default(), 1);
+        plant.outputs = driven(-16384);
+        plant.advance_to(300);
+        let position = plant.motors[0].position();
+        assert!(position < -1000);
+        assert_eq!(plant.motion_inputs().encoders[0], position as u16);
+    }
+}

@@ -1,0 +1,184 @@
+//! Scenes from a TOML file. Whatever the file leaves out is as in the default scene.
+//!
+//! ```toml
+//! noise_lsb = 1.5                 # A/D noise, peak
+//!
+//! [motor.0]                       # motor.0 to motor.5
+//! sensor = "dual-potentiometer"   # encoder, potentiometer, dual-potentiometer, none
+//! reversed = true                 # wired the other way round
+//! full_speed = 4096.0             # counts/s at full drive
+//! time_constant_s = 0.05
+//! friction = 0.03                 # of stall torque
+//! stall_current_a = 1.5
+//! start = 2048                    # counts
+//!
+//! [battery]
+//! motor_v = 11.1                  # main_v, servo_v, motor_nominal_v, motor_resistance_ohm
+//!
+//! [environment]
+//! sonar_cm = [40, 255, 255, 255, 255, 255]
+//! ir_range_cm = 80.0              # ambient_c, driver_c, tilt_g, custom_v, gpio_in
+//! ```
+
+use serde::Deserialize;
+
+use crate::plant::{BatteryScene, Environment, MotorScene, Scene, ShaftSensor};
+
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct SceneFile {
+    noise_lsb: f32,
+    motor: Motors,
+    battery: BatteryScene,
+    environment: Environment,
+}
+
+impl Default for SceneFile {
+    fn default() -> Self {
+        let Scene { noise_lsb, battery, environment, .. } = Scene::default();
+        Self { noise_lsb, battery, environment, motor: Motors::default() }
+    }
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Motors {
+    #[serde(rename = "0")]
+    m0: MotorChanges,
+    #[serde(rename = "1")]
+    m1: MotorChanges,
+    #[serde(rename = "2")]
+    m2: MotorChanges,
+    #[serde(rename = "3")]
+    m3: MotorChanges,
+    #[serde(rename = "4")]
+    m4: MotorChanges,
+    #[serde(rename = "5")]
+    m5: MotorChanges,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct MotorChanges {
+    sensor: Option<ShaftSensor>,
+    reversed: Option<bool>,
+    full_speed: Option<f32>,
+    time_constant_s: Option<f32>,
+    friction: Option<f32>,
+    stall_current_a: Option<f32>,
+    start: Option<i64>,
+}
+
+impl MotorChanges {
+    fn apply(self, to: MotorScene) -> MotorScene {
+        // Another sensor comes with a motor that suits it.
+        let base = self.sensor.filter(|s| *s != to.sensor).map_or(to, MotorScene::with);
+        MotorScene {
+            sensor: base.sensor,
+            reversed: self.reversed.unwrap_or(base.reversed),
+            full_speed: self.full_speed.unwrap_or(base.full_speed),
+            time_constant_s: self.time_constant_s.unwrap_or(base.time_constant_s),
+            friction: self.friction.unwrap_or(base.friction),
+            stall_current_a: self.stall_current_a.unwrap_or(base.stall_current_a),
+            start: self.start.unwrap_or(base.start),
+        }
+    }
+}
+
+/// Reads a scene.
+///
+/// # Errors
+/// One line that names the key and what is wrong with it.
+pub fn parse(text: &str) -> Result<Scene, String> {
+    let file: SceneFile = toml::from_str(text).map_err(|error| {
+        let line = error.span().map(|span| text[..span.start].lines().count().max(1));
+        let line = line.map(|line| format!("line {line}: ")).unwrap_or_default();
+        format!("{line}{}", error.message().replace('\n', " "))
+    })?;
+    let Motors { m0, m1, m2, m3, m4, m5 } = file.motor;
+    let mut scene = Scene {
+        noise_lsb: file.noise_lsb,
+        battery: file.battery,
+        environment: file.environment,
+        ..Scene::default()
+    };
+    for (motor, changes) in scene.motors.iter_mut().zip([m0, m1, m2, m3, m4, m5]) {
+        *motor = changes.apply(*motor);
+    }
+    check(&scene)?;
+    Ok(scene)
+}
+
+fn check(scene: &Scene) -> Result<(), String> {
+    let positive = |name: String, value: f32| {
+        (value.is_finite() && value > 0.0)
+            .then_some(())
+            .ok_or(format!("{name} = {value}: must be above 0"))
+    };
+    let in_range = |name: String, value: f32, low: f32, high: f32| {
+        (low..=high)
+            .contains(&value)
+            .then_some(())
+            .ok_or(format!("{name} = {value}: must be {low} to {high}"))
+    };
+    for (i, motor) in scene.motors.iter().enumerate() {
+        positive(format!("motor.{i}.full_speed"), motor.full_speed)?;
+        positive(format!("motor.{i}.time_constant_s"), motor.time_constant_s)?;
+        in_range(format!("motor.{i}.friction"), motor.friction, 0.0, 1.0)?;
+        in_range(format!("motor.{i}.stall_current_a"), motor.stall_current_a, 0.0, 1000.0)?;
+        match motor.sensor {
+            ShaftSensor::Encoder if i > 1 => {
+                return Err(format!("motor.{i}.sensor: only motors 0 and 1 have encoders"));
+            }
+            ShaftSensor::DualPotentiometer if i > 2 => {
+                return Err(format!(
+                    "motor.{i}.sensor: only motors 0 to 2 have two potentiometers"
+                ));
+            }
+            _ => {}
+        }
+    }
+    positive("battery.motor_nominal_v".into(), scene.battery.motor_nominal_v)?;
+    in_range("battery.motor_v".into(), scene.battery.motor_v, 0.0, 1000.0)?;
+    in_range("battery.main_v".into(), scene.battery.main_v, 0.0, 1000.0)?;
+    in_range("battery.servo_v".into(), scene.battery.servo_v, 0.0, 1000.0)?;
+    let resistance = scene.battery.motor_resistance_ohm;
+    in_range("battery.motor_resistance_ohm".into(), resistance, 0.0, 1000.0)?;
+    in_range("noise_lsb".into(), scene.noise_lsb, 0.0, 4095.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_file_is_the_default_scene() {
+        assert_eq!(parse(""), Ok(Scene::default()));
+    }
+
+    #[test]
+    fn a_motor_with_another_sensor_comes_with_numbers_that_suit_it() {
+        let scene = parse("[motor.0]\nsensor = \"dual-potentiometer\"\nreversed = true").unwrap();
+        let expected = MotorScene::with(ShaftSensor::DualPotentiometer);
+        assert_eq!(scene.motors[0], MotorScene { reversed: true, ..expected });
+        assert_eq!(scene.motors[1], Scene::default().motors[1]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_in_one_line() {
+        for (text, names) in [
+            ("nois = 1", "nois"),
+            ("[motor.6]\nreversed = true", "6"),
+            ("[motor.0]\nspeed = 3", "speed"),
+            ("[motor.3]\nsensor = \"encoder\"", "motor.3.sensor"),
+            ("[motor.0]\nfull_speed = 0.0", "motor.0.full_speed"),
+            ("[environment]\nsonar_cm = [1, 2]", "line 2"),
+            ("[environment]\nsonar_cm = [300, 1, 1, 1, 1, 1]", "300"),
+            ("noise_lsb = nan", "noise_lsb"),
+            ("= 3", "line 1"),
+        ] {
+            let error = parse(text).unwrap_err();
+            assert!(error.contains(names) && error.lines().count() == 1, "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! The serial line between host and board, on virtual time.
+//!
+//! Both directions carry one byte in ten bit times, as a UART does with 8 data bits, no parity and
+//! one stop bit; at 0 baud the line takes no time. The board's side is `embedded_io_async`'s
+//! `Read` and `Write`; one `write` is one frame and arrives with its last stop bit. Bytes for
+//! the board arrive in pieces of up to [`PIECE`], as a DMA that reports its progress would tell.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::convert::Infallible;
+use std::future::poll_fn;
+use std::rc::Rc;
+use std::task::{Poll, Waker};
+
+use embassy_time::{Instant, Timer};
+use embedded_io_async::{ErrorType, Read, Write};
+
+/// Bytes after which the receiver's side looks at what has come.
+const PIECE: usize = 16;
+
+/// A line. Clones are handles to the same line.
+#[derive(Clone)]
+pub struct Line(Rc<RefCell<State>>);
+
+struct State {
+    /// Nanoseconds a byte.
+    byte_ns: u64,
+    to_board: VecDeque<u8>,
+    /// The pieces of `to_board`: when the last byte of each arrives (ns), and its length.
+    pieces: VecDeque<(u64, usize)>,
+    /// Until when each direction is busy (ns).
+    to_board_busy: u64,
+    to_host_busy: u64,
+    to_host: VecDeque<(Instant, Vec<u8>)>,
+    reader: Option<Waker>,
+}
+
+impl Line {
+    /// A line of `baud` bits a second; 0 takes no time.
+    pub fn new(baud: u32) -> Self {
+        let byte_ns = 10_000_000_000u64.checked_div(baud.into()).unwrap_or(0);
+        Self(Rc::new(RefCell::new(State {
+            byte_ns,
+            to_board: VecDeque::new(),
+            pieces: VecDeque::new(),
+            to_board_busy: 0,
+            to_host_busy: 0,
+            to_host: VecDeque::new(),
+            reader: None,
+        })))
+    }
+
+    /// The host sends bytes; they follow those that are still on the line.
+    pub fn host_sends(&self, bytes: &[u8]) {
+        let mut state = self.0.borrow_mut();
+        for piece in bytes.chunks(PIECE) {
+            let begin = begin(state.to_board_busy);
+            state.to_board_busy = begin + state.byte_ns * piece.len() as u64;
+            let arrival = (state.to_board_busy, piece.len());
+            state.pieces.push_back(arrival);
+            state.to_board.extend(piece);
+        }
+        if let Some(reader) = state.reader.take() {
+            reader.wake();
+        }
+    }
+
+    /// Bytes of the host that have not reached the board yet.
+    pub fn backlog(&self) -> usize {
+        self.0.borrow().to_board.len()
+    }
+
+    /// The next frame that has arrived at the host, and when it did.
+    pub fn host_receives(&self) -> Option<(Instant, Vec<u8>)> {
+        self.0.borrow_mut().to_host.pop_front()
+    }
+
+    /// The board's end.
+    pub fn board_end(&self) -> (BoardRx, BoardTx) {
+        (BoardRx(self.clone()), BoardTx(self.clone()))
+    }
+}
+
+/// When a transmission can begin on a direction that is busy until `busy` (ns). The clock counts
+/// microseconds: less than one of these after the end is the end itself, or every frame would
+/// lose a fraction.
+fn begin(busy: u64) -> u64 {
+    let now = Instant::now().as_micros() * 1000;
+    if now < busy + 1000 { busy } else { now }
+}
+
+/// The first microsecond at or after a time in ns.
+fn instant(ns: u64) -> Instant {
+    Instant::from_micros(ns.div_ceil(1000))
+}
+
+/// The board's receiver.
+pub struct BoardRx(Line);
+
+impl ErrorType for BoardRx {
+    type Error = Infallible;
+}
+
+impl Read for BoardRx {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        let line = &self.0.0;
+        loop {
+            let first = poll_fn(|context| {
+                let mut state = line.borrow_mut();
+                match state.pieces.front() {
+                    Some(&(arrives, _)) => Poll::Ready(arrives),
+                    None => {
+                        state.reader = Some(context.waker().clone());
+                        Poll::Pending
+                    }
+                }
+            })
+            .await;
+            Timer::at(instant(first)).await;
+            let count = line.borrow_mut().take_arrived(buffer);
+            if count > 0 {
+                return Ok(count);
+            }
+        }
+    }
+}
+
+impl State {
+    fn take_arrived(&mut self, buffer: &mut [u8]) -> usize {
+        let now = Instant::now();
+        let mut count = 0;
+        while let Some((arrives, length)) = self.pieces.front_mut() {
+            if instant(*arrives) > now || count == buffer.len() {
+                break;
+            }
+            let taken = (*length).min(buffer.len() - count);
+            for (to, from) in buffer[count..].iter_mut().zip(self.to_board.drain(..taken)) {
+                *to = from;
+            }
+            count += taken;
+            *length -= taken;
+            if *length == 0 {
+                self.pieces.pop_front();
+            }
+        }
+        count
+    }
+}
+
+/// The board's transmitter.
+pub struct BoardTx(Line);
+
+impl ErrorType for BoardTx {
+    type Error = Infallible;
+}
+
+impl Write for BoardTx {
+    async fn write(&mut self, frame: &[u8]) -> Result<usize, Infallible> {
+        let line = &self.0.0;
+        let end = {
+            let mut state = line.borrow_mut();
+            state.to_host_busy = begin(state.to_host_busy) + state.byte_ns * frame.len() as u64;
+            state.to_host_busy
+        };
+        Timer::at(instant(end)).await;
+        line.borrow_mut().to_host.push_back((instant(end), frame.to_vec()));
+        Ok(frame.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
