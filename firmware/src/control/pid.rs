@@ -17,11 +17,11 @@
 //!
 //! | gain | position loop | velocity loop |
 //! |---|---|---|
-//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-18 a count/s, and as much again for every 64 ms that the error lasts |
+//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s, and as much again for every 128 ms that the error lasts |
 //! | Kd = 1 | 2^-16 a count/s | 2^-18 a (count/s) per ms |
 //! | Ki = 1.00 | 2^-10 a count and second | 2^-12 a (count/s) and second |
 //!
-//! The velocity loop's Kp has the reset time of 64 ms built in because hosts leave Ki at 0 and
+//! The velocity loop's Kp has the reset time of 128 ms built in because hosts leave Ki at 0 and
 //! expect the speed to be held: a proportional term alone would settle well below the set-point.
 
 use fixed::{
@@ -35,8 +35,8 @@ use protocol::pms5005::{Gain, Loop};
 
 use crate::settings::KiReading;
 
-/// log2 of the velocity loop's reset time in periods: 64 ms.
-const RESET_TIME_SHIFT: u32 = 6;
+/// log2 of the velocity loop's reset time in periods: 128 ms.
+const RESET_TIME_SHIFT: u32 = 7;
 
 /// Gains as the original numbers them, for one loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,9 +102,9 @@ impl Gains {
                 kd: FixedI32::from_bits(kd << 8),
             },
             Loop::Velocity => Self {
-                kp: FixedI32::from_bits(kp << 6),
+                kp: FixedI32::from_bits(kp << 5),
                 ki: FixedI32::from_bits(
-                    ki(12).saturating_add(kp << (14_u32.saturating_sub(RESET_TIME_SHIFT))),
+                    ki(12).saturating_add(kp << (13_u32.saturating_sub(RESET_TIME_SHIFT))),
                 ),
                 kd: FixedI32::from_bits(kd << 6),
             },
