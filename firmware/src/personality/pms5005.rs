@@ -158,18 +158,22 @@ impl Session {
     /// taken (`None`). Call it until it answers `None`.
     pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         let anything_new = !bytes.is_empty();
+        let skipped = self.receiver.reception().bytes_skipped;
         while let Some(frame) = self.receiver.receive(bytes) {
             self.candidate = None;
             if let Some(request) = self.answers.respond(frame, now) {
                 return Some(request);
             }
         }
-        if self.receiver.pending() == 0 {
+        if self.receiver.reception().bytes_skipped != skipped {
+            // What is pending now is another candidate than before.
             self.candidate = None;
-        } else if anything_new {
-            let first = self.candidate.map_or(now, |(first, _)| first);
-            self.candidate = Some((first, now));
         }
+        self.candidate = match self.candidate {
+            _ if self.receiver.pending() == 0 => None,
+            Some((first, _)) if anything_new => Some((first, now)),
+            candidate => candidate.or(Some((now, now))),
+        };
         None
     }
 
@@ -184,8 +188,15 @@ impl Session {
     /// Gives up on the pending bytes, if it is time to, and finds the good frames that they were
     /// holding up. Call it until it answers `None`.
     pub fn give_up(&mut self, now: Instant) -> Option<Request> {
+        let (_, last) = self.candidate?;
         if self.gives_up_at().is_none_or(|at| now < at) {
             return None;
+        }
+        if now < last.saturating_add(LONGEST_PAUSE) {
+            // The line is busy: only the candidate at the front has had its time.
+            self.receiver.give_up_front();
+            self.candidate = Some((now, last));
+            return self.receive(&mut &[][..], now);
         }
         while let Some(frame) = self.receiver.give_up() {
             if let Some(request) = self.answers.respond(frame, now) {
