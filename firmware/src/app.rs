@@ -25,7 +25,8 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{Read, Write};
 
-use crate::controller::{Command, Controller, Snapshot};
+use crate::command::Command;
+use crate::controller::{Controller, Snapshot};
 use crate::personality::pms5005::{LinkCounters, Picture, Request, Session};
 use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors};
 use crate::units::CONTROL_PERIOD_MS;

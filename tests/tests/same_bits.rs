@@ -4,7 +4,8 @@
 //! Inputs come from an integer generator, not from the simulated plant, so that nothing but the
 //! controller's own arithmetic is in the digest.
 
-use firmware::controller::{Command, Configuration, Controller};
+use firmware::command::{Command, Configuration};
+use firmware::controller::Controller;
 use firmware::ports::{MotionInputs, Sensors};
 use firmware::settings::Settings;
 use protocol::pms5005::{Channel, Gain, Loop, Method, Parameter, Sensor};

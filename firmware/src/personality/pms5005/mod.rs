@@ -13,18 +13,21 @@
 //!   the three reports take turns, so that none starves;
 //! - the host hears from us at least once a second: telemetry, or a ping.
 
+mod translate;
+
 use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use protocol::pms5005::{
-    self as wire, ACK, CustomIoReport, Encoder, Frame, MotorReport, Move, PING, Quantity,
-    RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report, Reports, SensorReport,
+    self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report,
+    Reports,
 };
 
-use crate::controller::{Command, Configuration, EncoderReading, Snapshot};
+use crate::command::{Command, Configuration};
+use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::LinkSettings;
-use crate::units::Duty;
+use translate::{motion, report};
 
 /// 255/1 is answered at most this often.
 pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
@@ -379,64 +382,4 @@ fn count(counter: &mut u32, more: u32) {
 
 fn telemetry_period(settings: &LinkSettings) -> Duration {
     Duration::from_millis(settings.telemetry_period_ms.max(1).into())
-}
-
-/// The wire's motion command in the controller's vocabulary.
-fn motion(command: &Move) -> Command {
-    use wire::Method;
-    let Move { targets, periods, .. } = *command;
-    match command.quantity {
-        Quantity::Position => Command::Drive { method: Method::Position, targets, periods },
-        Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods },
-        Quantity::Pwm => {
-            let targets = targets.map(|target| target.map(duty));
-            Command::Drive { method: Method::Pwm, targets, periods }
-        }
-        Quantity::Servo => Command::MoveServos { targets, periods },
-    }
-}
-
-/// PWM 0 to 32767 as a raw duty. Neutral is 16384; hosts use 16383 too, and both mean stop.
-fn duty(pwm: i16) -> i16 {
-    match pwm - Duty::FULL {
-        -1 => 0,
-        duty => duty,
-    }
-}
-
-/// A report of what is true now.
-fn report(reports: Reports, snapshot: &Snapshot) -> Report {
-    let sensors = &snapshot.sensors;
-    match reports {
-        Reports::CustomIo => Report::CustomIo(CustomIoReport {
-            custom_ad: sensors.custom_ad,
-            inputs: sensors.gpio_in,
-        }),
-        Reports::Sensors => Report::Sensors(SensorReport {
-            sonar_cm: sensors.sonar_cm,
-            human: sensors.human,
-            tilt: sensors.tilt,
-            overheat: sensors.overheat,
-            temperature: sensors.temperature,
-            ir_range: sensors.ir_range,
-            ir_command: sensors.ir_command,
-            battery: sensors.battery,
-            reference: sensors.reference,
-        }),
-        Reports::Motors | Reports::All => Report::Motors(MotorReport {
-            potentiometers: snapshot.motion.potentiometers,
-            currents: snapshot.motion.currents,
-            encoders: snapshot.encoders.map(encoder),
-        }),
-    }
-}
-
-/// Table II.2 wants the speed as a magnitude and a direction bit. Rest counts as positive.
-fn encoder(reading: EncoderReading) -> Encoder {
-    let velocity: i32 = reading.velocity.round().saturating_to_num();
-    Encoder {
-        count: reading.count,
-        speed: velocity.unsigned_abs().min(32767) as u16, // fits by the bound
-        positive: velocity >= 0,
-    }
 }
