@@ -3,7 +3,7 @@
 //! Both directions carry one byte in ten bit times, as a UART does with 8 data bits, no parity and
 //! one stop bit; at 0 baud the line takes no time. The board's side is `embedded_io_async`'s
 //! `Read` and `Write`; one `write` is one frame and arrives with its last stop bit. Bytes for
-//! the board arrive in pieces of up to [`PIECE`], as a DMA that reports its progress would tell.
+//! the board arrive in pieces of up to 16, as a DMA that reports its progress would tell.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;

@@ -206,6 +206,26 @@ fn the_collision_protection_knows_a_motor_that_is_wired_the_other_way_round() {
     assert_eq!(bench.bridge(0).0, 0);
 }
 
+#[test]
+fn a_display_that_hangs_does_not_hold_up_the_command_that_stops_a_motor() {
+    let mut bench = Bench::quiet();
+    bench.board.plant.borrow_mut().overrides.lcd_hangs = true;
+    bench.drive(Quantity::Pwm, 0, 30_000, 0);
+    for number in 0..16 {
+        let mut picture = [0xAA; 65];
+        picture[0] = number;
+        bench.send_raw(did::LCD, &picture);
+    }
+    bench.run_ms(150);
+    assert_eq!(bench.bridge(0), (30_000 - 16384, true));
+    bench.drive(Quantity::Pwm, 0, 16384, 0);
+    bench.run_ms(5);
+    assert_eq!(bench.bridge(0), (0, true));
+    assert_eq!(bench.acks(), 18);
+    // One hangs in the display, two wait.
+    assert_eq!(bench.board.link().pictures_dropped, 13);
+}
+
 /// Runs a bad frame and shows that it was acknowledged, counted, and did nothing.
 fn refused(bench: &mut Bench, did: u8, data: &[u8]) {
     let refusals =

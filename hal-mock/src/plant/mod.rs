@@ -55,6 +55,8 @@ pub struct Overrides {
     pub gpio_in: Option<u8>,
     /// Blocked shafts.
     pub jam: [Option<bool>; 6],
+    /// The display's bus hangs: nothing is shown any more.
+    pub lcd_hangs: bool,
 }
 
 /// The world. See the [module](self).

@@ -88,6 +88,10 @@ pub struct LinkCounters {
     pub telemetry_skipped: u32,
     /// Pings sent.
     pub pings_sent: u32,
+    /// Pictures that found no more room to wait for the display.
+    pub pictures_dropped: u32,
+    /// Errors that the line itself reported: overruns, framing.
+    pub line_errors: u32,
 }
 
 /// One of the three telemetry streams.
@@ -208,6 +212,16 @@ impl Session {
         }
         self.candidate = None;
         None
+    }
+
+    /// Counts an error that the line reported.
+    pub fn line_failed(&mut self) {
+        count(&mut self.answers.counters.line_errors, 1);
+    }
+
+    /// Counts a picture that found no room to wait.
+    pub fn picture_dropped(&mut self) {
+        count(&mut self.answers.counters.pictures_dropped, 1);
     }
 
     /// When there will be something to send; it may be now or past.
