@@ -85,47 +85,38 @@ impl Configuration {
     /// [`Refused::NoSuchSensor`] when the channel has no such sensor: only channels 0 and 1 have
     /// encoders, only channels 0 to 2 pairs of potentiometers.
     pub fn add(&mut self, parameter: Parameter) -> Result<(), Refused> {
-        let (channel, change): (Channel, &mut dyn FnMut(&mut ChannelConfiguration)) =
-            match parameter {
-                Parameter::CollisionProtection(on) => {
-                    self.collision_protection = Some(on);
-                    return Ok(());
+        match parameter {
+            Parameter::CollisionProtection(on) => self.collision_protection = Some(on),
+            Parameter::Polarity(channel, polarity) => self.of(channel).polarity = Some(polarity),
+            Parameter::Method(channel, method) => self.of(channel).method = Some(method),
+            Parameter::Sensor(channel, sensor) => {
+                let channels = match sensor {
+                    Sensor::SinglePotentiometer => CHANNELS,
+                    Sensor::DualPotentiometer => potentiometer::PAIRS.len(),
+                    Sensor::Encoder => ENCODERS,
+                };
+                if channel.index() >= channels {
+                    return Err(Refused::NoSuchSensor(channel));
                 }
-                Parameter::Polarity(channel, polarity) => {
-                    (channel, &mut move |c| c.polarity = Some(polarity))
+                self.of(channel).sensor = Some(sensor);
+            }
+            Parameter::Gain(channel, control_loop, gain) => {
+                let gains = match control_loop {
+                    Loop::Position => &mut self.of(channel).position,
+                    Loop::Velocity => &mut self.of(channel).velocity,
+                };
+                match gain {
+                    Gain::Proportional(kp) => gains.kp = Some(kp),
+                    Gain::Derivative(kd) => gains.kd = Some(kd),
+                    Gain::Integral { integer, fraction } => gains.ki = Some([integer, fraction]),
                 }
-                Parameter::Sensor(channel, sensor) => {
-                    let exists = match sensor {
-                        Sensor::SinglePotentiometer => true,
-                        Sensor::DualPotentiometer => channel.index() < potentiometer::PAIRS.len(),
-                        Sensor::Encoder => channel.index() < ENCODERS,
-                    };
-                    if !exists {
-                        return Err(Refused::NoSuchSensor(channel));
-                    }
-                    (channel, &mut move |c| c.sensor = Some(sensor))
-                }
-                Parameter::Method(channel, method) => {
-                    (channel, &mut move |c| c.method = Some(method))
-                }
-                Parameter::Gain(channel, control_loop, gain) => (channel, &mut move |c| {
-                    let gains = match control_loop {
-                        Loop::Position => &mut c.position,
-                        Loop::Velocity => &mut c.velocity,
-                    };
-                    match gain {
-                        Gain::Proportional(kp) => gains.kp = Some(kp),
-                        Gain::Derivative(kd) => gains.kd = Some(kd),
-                        Gain::Integral { integer, fraction } => {
-                            gains.ki = Some([integer, fraction]);
-                        }
-                    }
-                }),
-            };
-        if let Some(configuration) = self.channels.get_mut(channel.index()) {
-            change(configuration);
+            }
         }
         Ok(())
+    }
+
+    fn of(&mut self, channel: Channel) -> &mut ChannelConfiguration {
+        &mut self.channels[channel.index()]
     }
 }
 

@@ -165,7 +165,10 @@ impl Controller {
         if self.link.step(link_frames, self.settings.link_timeout) == LinkEvent::Lost {
             self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
             warning!("the host is silent: {} ms", self.settings.link_timeout);
-            self.axes.iter_mut().for_each(Axis::link_lost);
+            for channel in Channel::ALL {
+                let reading = self.reading(channel);
+                self.axes[channel.index()].link_lost(reading);
+            }
             self.servos.iter_mut().for_each(Servo::link_lost);
         }
         let blocked = self.guard.step(sensors, &self.settings.collision);

@@ -94,6 +94,14 @@ fn instant(ns: u64) -> Instant {
     Instant::from_micros(ns.div_ceil(1000))
 }
 
+/// Waits for a time in ns. A timer would give way once even to what is already over, and a line
+/// without a speed limit would get slower than the firmware.
+async fn until(ns: u64) {
+    if instant(ns) > Instant::now() {
+        Timer::at(instant(ns)).await;
+    }
+}
+
 /// The board's receiver.
 pub struct BoardRx(Line);
 
@@ -116,7 +124,7 @@ impl Read for BoardRx {
                 }
             })
             .await;
-            Timer::at(instant(first)).await;
+            until(first).await;
             let count = line.borrow_mut().take_arrived(buffer);
             if count > 0 {
                 return Ok(count);
@@ -162,7 +170,7 @@ impl Write for BoardTx {
             state.to_host_busy = begin(state.to_host_busy) + state.byte_ns * frame.len() as u64;
             state.to_host_busy
         };
-        Timer::at(instant(end)).await;
+        until(end).await;
         line.borrow_mut().to_host.push_back((instant(end), frame.to_vec()));
         Ok(frame.len())
     }

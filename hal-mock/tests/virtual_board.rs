@@ -40,7 +40,12 @@ impl Board {
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let out = BufReader::new(child.stdout.take().unwrap());
+        Self::listening(child, out)
+    }
+
+    /// Reads where a board that has just been started listens.
+    fn listening(child: Child, mut out: BufReader<std::process::ChildStdout>) -> Self {
         let mut line = || {
             let mut line = String::new();
             out.read_line(&mut line).unwrap();
@@ -194,6 +199,93 @@ fn a_client_that_vanishes_at_any_moment_does_not_stop_the_board() {
 }
 
 #[test]
+fn a_client_that_has_said_all_it_has_to_say_still_hears_the_answer() {
+    let board = Board::start(&[]);
+    let mut stream = board.tcp();
+    stream.write_all(&gpio(0x77)).unwrap();
+    stream.shutdown(std::net::Shutdown::Write).unwrap();
+    assert_eq!(await_frame(&mut stream, 255), [1]);
+    assert_eq!(await_frame(&mut stream, 123).len(), 33);
+    drop(stream);
+    board.tcp().write_all(&gpio(0x78)).unwrap();
+    board.until(|state| state["gpio_out"] == 0x78);
+}
+
+#[test]
+fn a_client_that_floods_the_line_does_not_keep_the_others_from_it() {
+    let board = Board::start(&[]);
+    let mut flood = board.tcp();
+    let mut reader = flood.try_clone().unwrap();
+    let mut other = board.tcp();
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let frames = gpio(1).repeat(50);
+            flood.set_write_timeout(Some(Duration::from_millis(100))).unwrap();
+            while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                let _ = flood.write(&frames);
+            }
+        });
+        scope.spawn(|| {
+            let mut buffer = [0; 4096];
+            while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                let _ = reader.read(&mut buffer);
+            }
+        });
+        std::thread::sleep(Duration::from_millis(500));
+        let start = Instant::now();
+        let servo = wire::Command::Move(wire::Move {
+            quantity: Quantity::Servo,
+            addressing: wire::Addressing::List,
+            targets: [Some(2250), None, None, None, None, None],
+            periods: 0,
+        });
+        other.write_all(&encoded(servo)).unwrap();
+        board.until(|state| state["servos"][0]["pulse_us"] == 1000.0);
+        let waited = start.elapsed();
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        // A share of the line, not the end of the flood.
+        assert!(waited < Duration::from_secs(5), "{waited:?}");
+    });
+}
+
+#[test]
+fn a_status_that_nobody_reads_does_not_hold_up_the_board() {
+    // Nobody reads the log of refused frames either: it fills its pipe in no time.
+    let mut child = program()
+        .args(["--inspect", "127.0.0.1:0", "--headless"])
+        .env("RUST_LOG", "warn")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let out = BufReader::new(child.stdout.take().unwrap());
+    let board = Board::listening(child, out);
+    let mut stream = board.tcp();
+    let unknown = Frame { rid: 1, res: 255, did: 31, data: &[] };
+    let refused = unknown.encode(&mut [0; 16]).unwrap().repeat(3000);
+    stream.write_all(&refused).unwrap();
+    stream.write_all(&gpio(0x99)).unwrap();
+    board.until(|state| state["link"]["unknown"] == 3000 && state["gpio_out"] == 0x99);
+    let (code, _) = board.signal(15);
+    assert_eq!(code, Some(0));
+}
+
+#[test]
+fn a_host_that_opens_the_serial_device_reads_no_old_news() {
+    let board = Board::start(&[]);
+    let open = || File::options().read(true).write(true).open(&board.device).unwrap();
+    let deaf = open();
+    std::thread::sleep(Duration::from_millis(1500));
+    drop(deaf);
+    std::thread::sleep(Duration::from_millis(200));
+    // A frame now says what is true now.
+    board.ask(json!({"set": {"gpio_in": 170}}));
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(await_frame(&mut open(), 124)[16], 170);
+}
+
+#[test]
 fn the_inspector_overrides_sensors_and_gives_them_back() {
     let board = Board::start(&["--seed", "3"]);
     let ok = json!({"ok": true});
@@ -295,7 +387,7 @@ fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
 #[test]
 fn the_serial_device_has_a_link_that_goes_with_the_board() {
     let link = std::env::temp_dir().join(format!("virtual-board-test-{}", std::process::id()));
-    for signal in [2, 15] {
+    for signal in [1, 2, 3, 15] {
         let board = Board::start(&["--pty", link.to_str().unwrap()]);
         let mut serial = File::options().read(true).write(true).open(&link).unwrap();
         serial.write_all(&gpio(9)).unwrap();
@@ -304,10 +396,19 @@ fn the_serial_device_has_a_link_that_goes_with_the_board() {
         assert_eq!((code, text.lines().next_back()), (Some(0), Some("bye")));
         assert!(!link.is_symlink());
     }
+    // What is not a board's own link is left alone; a dangling one is replaced.
     std::fs::write(&link, "somebody's file").unwrap();
     let output = program().args(["--pty", link.to_str().unwrap()]).output().unwrap();
     refused(&output, link.to_str().unwrap());
     assert_eq!(std::fs::read_to_string(&link).unwrap(), "somebody's file");
+    std::fs::remove_file(&link).unwrap();
+    let first = Board::start(&["--pty", link.to_str().unwrap()]);
+    let output = program().args(["--pty", link.to_str().unwrap()]).output().unwrap();
+    refused(&output, link.to_str().unwrap());
+    assert_eq!(std::fs::read_link(&link).unwrap(), first.device);
+    drop(first); // killed: the link dangles
+    assert!(link.is_symlink());
+    drop(Board::start(&["--pty", link.to_str().unwrap()]));
     std::fs::remove_file(&link).unwrap();
 }
 
@@ -331,9 +432,10 @@ fn refused(output: &Output, names: &str) {
 fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
     for (options, names) in [
         (&["--bogus"][..], "--bogus"),
-        (&["cm6"], "cm6"),
+        (&["cm6"], "[possible values: pms5005]"),
         (&["--line-rate", "fast"], "--line-rate"),
-        (&["--seconds", "-1"], "-1"),
+        (&["--seconds", "-1"], "--seconds -1"),
+        (&["--line-rate", "1200"], "9600"),
         (&["--seconds", "nan"], "--seconds"),
         (&["--inspect", "0.0.0.0:0"], "--inspect 0.0.0.0:0"),
         (&["--scene", "/no/such.toml"], "/no/such.toml"),

@@ -71,6 +71,7 @@ enum Verdict {
 impl<F: Framing, const N: usize> Deframer<F, N> {
     /// An empty receiver.
     pub const fn new() -> Self {
+        const { assert!(F::HEADER >= F::START.len() && N >= F::HEADER) };
         Self {
             buffer: [0; N],
             held: 0,

@@ -309,21 +309,33 @@ fn largest_bump(bench: &mut Bench, ms: u64) -> i16 {
 }
 
 #[test]
-fn changes_of_method_and_polarity_do_not_bump_the_drive() {
-    // PWM at an eighth of full drive, then each loop, then PWM again, then the other polarity.
-    let mut bench = Bench::new();
-    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
-    bench.drive(Quantity::Pwm, 0, 16384 + 2048, 0);
-    bench.run_alive_ms(500);
-    for change in [
-        Parameter::Method(WHEEL, Method::Velocity),
-        Parameter::Method(WHEEL, Method::Position),
-        Parameter::Method(WHEEL, Method::Pwm),
-        Parameter::Polarity(WHEEL, Polarity::Negative),
-    ] {
-        bench.configure(&[change]);
-        let bump = largest_bump(&mut bench, 50);
-        assert!(bump <= 200, "{change:?}: {bump} of 16384");
+fn changes_of_method_sensor_and_polarity_do_not_bump_the_drive() {
+    // At an eighth of full drive, at half, at all of it; with the default Kd and with large ones.
+    for pwm in [2048, 8192, 16383] {
+        for kd in [5, 50, 500] {
+            let mut bench = Bench::new();
+            bench.configure(&[
+                Parameter::Sensor(WHEEL, Sensor::Encoder),
+                Parameter::Gain(WHEEL, Loop::Position, Gain::Derivative(kd)),
+                Parameter::Gain(WHEEL, Loop::Velocity, Gain::Derivative(kd)),
+            ]);
+            bench.drive(Quantity::Pwm, 0, 16384 + (pwm - 1), 0);
+            bench.run_alive_ms(500);
+            for change in [
+                Parameter::Method(WHEEL, Method::Velocity),
+                Parameter::Method(WHEEL, Method::Position),
+                Parameter::Method(WHEEL, Method::Pwm),
+                Parameter::Polarity(WHEEL, Polarity::Negative),
+                Parameter::Polarity(WHEEL, Polarity::Positive),
+                Parameter::Method(WHEEL, Method::Velocity),
+                Parameter::Sensor(WHEEL, Sensor::SinglePotentiometer),
+            ] {
+                bench.configure(&[change]);
+                let bump = largest_bump(&mut bench, 5);
+                // A whole crossing from full drive to full drive takes 64 periods of 512.
+                assert!(bump <= 600, "{pwm}, Kd {kd}, {change:?}: {bump} of 16384");
+            }
+        }
     }
 }
 

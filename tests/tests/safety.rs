@@ -2,7 +2,7 @@
 
 use firmware::settings::Settings;
 use hal_mock::board::Make;
-use hal_mock::plant::{MotorScene, Scene, ShaftSensor};
+use hal_mock::plant::{Motor, MotorScene, Scene, ShaftSensor};
 use protocol::pms5005::{
     Addressing, Channel, Command, Method, Move, Parameter, Polarity, Quantity, Scope, Sensor, did,
 };
@@ -91,6 +91,152 @@ fn after_link_loss_only_a_motion_command_moves_again() {
     assert!(bench.velocity(1) > 2800.0);
     assert_eq!(bench.bridge(0), (-4000, true));
     assert!(!bench.board.snapshot().link_loss);
+}
+
+/// A wheel under position control by its encoder.
+fn position_by_encoder(bench: &mut Bench) {
+    let wheel = Channel::ALL[0];
+    bench.configure(&[
+        Parameter::Sensor(wheel, Sensor::Encoder),
+        Parameter::Method(wheel, Method::Position),
+    ]);
+}
+
+#[test]
+fn a_silent_host_breaks_off_a_move_that_had_no_time_too() {
+    // Jammed on its way, or just far to go: with the host gone the shaft does not go there.
+    let mut bench = Bench::new();
+    position_by_encoder(&mut bench);
+    bench.board.plant.borrow_mut().overrides.jam[0] = Some(true);
+    bench.drive(Quantity::Position, 0, 6000, 0);
+    bench.run_ms(4000);
+    assert!(bench.board.snapshot().link_loss);
+    bench.board.plant.borrow_mut().overrides.jam[0] = None;
+    bench.run_ms(2000);
+    assert!(bench.position(0).abs() <= 140, "moved {}", bench.position(0));
+
+    let mut settings = Settings::DEFAULT;
+    settings.control.link_timeout = 200;
+    let mut bench = Bench::with(Make { settings, ..Make::default() });
+    position_by_encoder(&mut bench);
+    bench.drive(Quantity::Position, 0, 16_000, 0);
+    while !bench.board.snapshot().link_loss {
+        bench.run_ms(1);
+    }
+    // It is at full speed then, and needs some way to stop.
+    let at = bench.position(0);
+    bench.run_ms(3000);
+    let further = bench.position(0) - at;
+    assert!((0..=600).contains(&further), "from {at} {further} counts further");
+}
+
+#[test]
+fn after_link_loss_a_resume_holds_a_position_where_the_shaft_is() {
+    let mut bench = Bench::new();
+    position_by_encoder(&mut bench);
+    bench.drive(Quantity::Position, 0, 6000, 0);
+    bench.run_ms(3000);
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.run_alive_ms(100);
+    // Somebody turns the wheel.
+    let moved = MotorScene { start: 2000, ..MotorScene::with(ShaftSensor::Encoder) };
+    bench.board.plant.borrow_mut().motors[0] = Motor::new(moved);
+    bench.run_alive_ms(200);
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(1500);
+    assert!(bench.bridge(0).1 && (bench.position(0) - 2000).abs() <= 20, "{}", bench.position(0));
+}
+
+#[test]
+fn parameters_that_arrive_during_the_stop_switch_the_bridge_off() {
+    let wheel = Channel::ALL[0];
+    for parameter in [
+        Parameter::Sensor(wheel, Sensor::SinglePotentiometer),
+        Parameter::Polarity(wheel, Polarity::Negative),
+        Parameter::Method(wheel, Method::Position),
+    ] {
+        let mut bench = Bench::new();
+        bench.drive(Quantity::Velocity, 0, 5000, 0);
+        bench.run_alive_ms(1000);
+        while !bench.board.snapshot().link_loss {
+            bench.run_ms(1);
+        }
+        bench.run_ms(10);
+        bench.configure(&[parameter]);
+        bench.run_ms(3);
+        for _ in 0..200 {
+            assert_eq!(bench.bridge(0), (0, false), "{parameter:?}");
+            bench.run_ms(1);
+        }
+    }
+}
+
+#[test]
+fn a_stop_by_neutral_pwm_stays_a_stop_when_the_channel_is_resumed() {
+    let wheel = Channel::ALL[0];
+    for method in [Method::Position, Method::Velocity] {
+        let mut bench = Bench::new();
+        position_by_encoder(&mut bench);
+        bench.drive(Quantity::Position, 0, 6000, 0);
+        bench.run_alive_ms(1500);
+        bench.configure(&[Parameter::Method(wheel, method)]);
+        bench.drive(Quantity::Pwm, 0, 16384, 0);
+        bench.run_alive_ms(500);
+        let at = bench.position(0);
+        bench.send(Command::Run { scope: Scope::All, run: false });
+        bench.run_alive_ms(200);
+        bench.send(Command::Run { scope: Scope::All, run: true });
+        bench.run_alive_ms(1500);
+        assert!((bench.position(0) - at).abs() <= 20, "{method:?}: from {at}");
+    }
+}
+
+#[test]
+fn choosing_a_method_does_not_set_a_stopped_wheel_in_motion() {
+    let wheel = Channel::ALL[0];
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Velocity, 0, 8000, 0);
+    bench.run_alive_ms(500);
+    // It still coasts when the method is chosen.
+    bench.drive(Quantity::Pwm, 0, 16384, 0);
+    bench.run_ms(20);
+    assert!(bench.velocity(0) > 2000.0);
+    bench.configure(&[Parameter::Method(wheel, Method::Velocity)]);
+    bench.run_alive_ms(1000);
+    assert!(bench.velocity(0).abs() < 20.0, "{}", bench.velocity(0));
+}
+
+#[test]
+fn a_polarity_that_is_put_right_brings_a_runaway_wheel_back() {
+    let mut scene = Scene::default();
+    scene.motors[0] = MotorScene { reversed: true, ..MotorScene::with(ShaftSensor::Encoder) };
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    bench.drive(Quantity::Velocity, 0, 400, 0);
+    bench.run_alive_ms(1000);
+    assert!(bench.velocity(0) < -10_000.0, "it runs away");
+    bench.configure(&[Parameter::Polarity(Channel::ALL[0], Polarity::Negative)]);
+    bench.run_alive_ms(2000);
+    assert!((380.0..420.0).contains(&bench.velocity(0)), "{}", bench.velocity(0));
+}
+
+#[test]
+fn an_obstacle_that_goes_away_does_not_let_a_wound_up_wheel_loose() {
+    let mut bench = Bench::new();
+    bench.configure(&[Parameter::CollisionProtection(true)]);
+    bench.drive(Quantity::Velocity, 0, 1000, 0);
+    bench.run_alive_ms(300);
+    let set = |bench: &Bench, jam, sonar| {
+        let overrides = &mut bench.board.plant.borrow_mut().overrides;
+        (overrides.jam[0], overrides.sonar_cm[0]) = (jam, sonar);
+    };
+    set(&bench, Some(true), None);
+    bench.run_alive_ms(2000);
+    set(&bench, Some(true), Some(10));
+    bench.run_alive_ms(3000);
+    set(&bench, None, None);
+    let mut peak = 0.0f32;
+    bench.run_alive_with(1000, |bench| peak = peak.max(bench.velocity(0)));
+    assert!((950.0..=1200.0).contains(&peak), "{peak}");
 }
 
 #[test]
@@ -328,12 +474,12 @@ fn a_chosen_method_refuses_the_others_except_a_stop() {
 }
 
 #[test]
-fn the_extremes_of_every_field_stay_within_the_limits_of_the_outputs() {
+fn the_extremes_of_every_field_leave_a_board_that_works() {
     let mut bench = Bench::quiet();
-    let gains = [0x07, 0, 1, 255, 255, 2, 255, 255, 3, 255, 255];
-    for sub in [0x07, 0x08] {
-        let mut data = gains;
-        data[0] = sub;
+    let gains = |kp: u8, kd: u8, ki: u8| {
+        [0x07, 0x08].map(|sub| [sub, 0, 1, kp, kp & 0x80, 2, kd, kd & 0x80, 3, ki, ki])
+    };
+    for data in gains(255, 255, 255) {
         bench.send_raw(did::PARAMETERS, &data);
     }
     for sensor in [0, 1, 2] {
@@ -343,10 +489,14 @@ fn the_extremes_of_every_field_stay_within_the_limits_of_the_outputs() {
                 bench.drive(Quantity::Velocity, 0, target, periods);
                 bench.run_alive_ms(30);
                 bench.drive(Quantity::Position, 0, target.max(0) >> 3, periods);
-                bench.run_alive_with(30, |bench| {
-                    assert!((-16384..=16384).contains(&bench.bridge(0).0));
-                });
+                bench.run_alive_ms(30);
             }
         }
     }
+    for data in gains(50, 5, 0) {
+        bench.send_raw(did::PARAMETERS, &data);
+    }
+    bench.drive(Quantity::Position, 0, 3000, 0);
+    bench.run_alive_ms(2000);
+    assert!((2960..=3040).contains(&bench.position(0).rem_euclid(32_768)));
 }

@@ -8,7 +8,7 @@ use firmware::command::{Command, Configuration};
 use firmware::controller::Controller;
 use firmware::ports::{MotionInputs, Sensors};
 use firmware::settings::Settings;
-use protocol::pms5005::{Channel, Gain, Loop, Method, Parameter, Sensor};
+use protocol::pms5005::{Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor};
 
 /// FNV-1a over all outputs of all periods.
 struct Digest(u64);
@@ -31,6 +31,26 @@ fn configuration() -> Command {
         Parameter::Gain(c1, Loop::Velocity, Gain::Integral { integer: 1, fraction: 7 }),
         Parameter::Gain(c1, Loop::Velocity, Gain::Derivative(900)),
         Parameter::Gain(c3, Loop::Position, Gain::Proportional(77)),
+    ] {
+        configuration.add(parameter).unwrap();
+    }
+    Command::Configure(configuration)
+}
+
+/// Another polarity and another method every time.
+fn toggled(period: u32) -> Command {
+    let mut configuration = Configuration::default();
+    let [_, c1, c2, c3, ..] = Channel::ALL;
+    let odd = period / 1000 % 2 == 1;
+    let (polarity, method) = match odd {
+        true => (Polarity::Negative, Method::Velocity),
+        false => (Polarity::Positive, Method::Position),
+    };
+    for parameter in [
+        Parameter::Polarity(c1, polarity),
+        Parameter::Method(c2, method),
+        Parameter::Method(c3, method),
+        Parameter::CollisionProtection(odd),
     ] {
         configuration.add(parameter).unwrap();
     }
@@ -70,9 +90,21 @@ fn the_controller_gives_these_bits_on_every_machine() {
             700 => {
                 Some(Command::MoveServos { targets: all(1000 + random(5000) as i16), periods: 250 })
             }
+            800 => Some(Command::Drive {
+                method: Method::Pwm,
+                targets: [None, None, None, None, None, Some(random(32_768) as i16 - 16_384)],
+                periods: random(200) as u16,
+            }),
+            850 => Some(Command::Run { scope: Scope::All, run: period % 2000 < 1000 }),
+            900 => Some(Command::Run { scope: Scope::All, run: true }),
+            950 => Some(toggled(period)),
             _ => None,
         };
-        let snapshot = controller.step(command, &inputs, &Sensors::UNKNOWN, period);
+        // An obstacle comes and goes; the host falls silent for three seconds of every eight.
+        let sonar_cm = [if period % 700 < 100 { 20 } else { 255 }; 6];
+        let sensors = Sensors { sonar_cm, ..Sensors::UNKNOWN };
+        let link_frames = period - period % 8000 + (period % 8000).min(5000);
+        let snapshot = controller.step(command, &inputs, &sensors, link_frames);
         for motor in snapshot.outputs.motors {
             digest.take(motor.duty.raw().into());
         }
@@ -83,5 +115,5 @@ fn the_controller_gives_these_bits_on_every_machine() {
             digest.take(servo.map_or(-1, |pulse| pulse.raw().into()));
         }
     }
-    assert_eq!(digest.0, 0xE014_8393_C96A_0143, "{:#018x}", digest.0);
+    assert_eq!(digest.0, 0xFEC1_F2C9_C35F_499A, "{:#018x}", digest.0);
 }

@@ -7,8 +7,9 @@ use embassy_time::{Duration, Instant};
 use firmware::controller::Snapshot;
 use firmware::personality::pms5005::Session;
 use firmware::settings::LinkSettings;
+use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
-use protocol::pms5005::{Command, Frame, Quantity, Repeat, Reports, did};
+use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
 use tests::{Bench, Received};
 
 fn telemetry(reports: Reports, repeat: Repeat) -> Command<'static> {
@@ -252,4 +253,18 @@ fn a_session_without_a_board_answers_at_the_time_it_is_told() {
     let counters = session.counters();
     assert_eq!((counters.telemetry_sent, counters.telemetry_skipped), (6, 6));
     assert_eq!(session.sends_at(), at(250));
+}
+
+#[test]
+fn an_encoder_that_counts_wildly_is_reported_at_the_end_of_the_scale() {
+    let mut snapshot = Snapshot::BOOT;
+    for (velocity, positive) in [(CountsPerSecond::MAX, true), (CountsPerSecond::MIN, false)] {
+        snapshot.encoders[0].velocity = velocity;
+        let mut session = Session::new(LinkSettings { telemetry_period_ms: 50 }, Instant::MIN);
+        let mut out = [0; Session::MAX_FRAME];
+        let frame = session.transmit(Instant::from_millis(50), &snapshot, &mut out).unwrap();
+        let frame = Frame::parse(frame).unwrap();
+        let Some(Report::Motors(report)) = Report::parse(frame.did, frame.data) else { panic!() };
+        assert_eq!((report.encoders[0].speed, report.encoders[0].positive), (32_767, positive));
+    }
 }

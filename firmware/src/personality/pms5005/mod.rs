@@ -38,9 +38,9 @@ pub const PING_PERIOD: Duration = Duration::from_millis(900);
 /// baud); then what is there is searched for other frames.
 pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_FRAME: Duration = Duration::from_millis(500);
-/// Acknowledgements that may wait. They take 100 ms at 115200 baud; a host that is still owed
-/// more will have given up on them.
-const ACKS_WAITING: u16 = 115;
+/// Acknowledgements that may wait. They take a second at 115200 baud, half of what a host waits
+/// for any frame at all; more of them are dropped.
+const ACKS_WAITING: u16 = 1152;
 
 /// What a frame asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +102,7 @@ struct Stream {
     due: Instant,
 }
 
-/// The session. See the [module](self).
+/// The session. See the [module](self). The time that it is told never runs backwards.
 pub struct Session {
     receiver: Receiver,
     /// When the pending candidate's first byte came, and when its last.

@@ -59,7 +59,7 @@ pub(super) fn report(reports: Reports, snapshot: &Snapshot) -> Report {
 
 /// Table II.2 wants the speed as a magnitude and a direction bit. Rest counts as positive.
 fn encoder(reading: EncoderReading) -> Encoder {
-    let velocity: i32 = reading.velocity.round().saturating_to_num();
+    let velocity: i32 = reading.velocity.saturating_round().to_num();
     Encoder {
         count: reading.count,
         speed: velocity.unsigned_abs().min(32767) as u16, // fits by the bound
