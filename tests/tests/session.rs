@@ -215,7 +215,7 @@ fn commands_faster_than_acknowledgements_lose_those_and_nothing_else() {
         bench.run_ms(10);
         bench.received();
     }
-    bench.run_ms(1000);
+    bench.run_ms(2000);
     let link = bench.board.link();
     assert_eq!((link.frames_for_us, link.bad_frames), (sent, 0));
     assert!(link.acks_dropped > 0);
