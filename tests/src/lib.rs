@@ -1,10 +1,11 @@
 //! A host at the other end of a virtual board's line, for the tests beside it.
 //!
-//! - `tests/conformance.rs`: the manual, example by example and table by table;
-//! - `tests/reception.rs`: properties of the receiver and of every codec;
+//! - `tests/conformance/`: the manual, example by example and table by table;
+//! - `tests/reception/`: properties of the receiver and of every codec;
 //! - `tests/session.rs`: acknowledgements, telemetry, a saturated line;
 //! - `tests/control.rs`: the loops against the simulated motors, with bounds on both sides;
-//! - `tests/safety.rs`: silence, suspension, obstacles, what is refused.
+//! - `tests/safety.rs`: silence, suspension, obstacles; `tests/refusals.rs`: what is not done;
+//! - `tests/same_bits.rs`: one digest of the controller for every machine.
 
 use embassy_time::{Duration, Instant};
 use hal_mock::board::{Make, VirtualBoard};
