@@ -17,8 +17,6 @@ impl Gdb {
     /// Takes over a machine that stands still.
     pub fn new(stream: UnixStream) -> Self {
         let mut gdb = Self(stream);
-        gdb.ask("QStartNoAckMode");
-        gdb.0.write_all(b"+").unwrap(); // for the answer, the last that wants it
         // QEMU serves single registers only to those who have asked for their description.
         gdb.ask("qXfer:features:read:target.xml:0,ffb");
         gdb
@@ -54,6 +52,7 @@ impl Gdb {
             }
         }
         self.0.read_exact(&mut [0; 2]).unwrap(); // the checksum; a local socket loses nothing
+        self.0.write_all(b"+").unwrap();
         Some(String::from_utf8(packet).unwrap())
     }
 
@@ -69,6 +68,11 @@ impl Gdb {
     /// Lets the machine run.
     pub fn run(&mut self) {
         self.send("c");
+    }
+
+    /// Lets the machine do one instruction.
+    pub fn step(&mut self) {
+        self.ask("s");
     }
 
     /// Whether the machine, running, stops within the time.

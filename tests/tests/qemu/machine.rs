@@ -1,18 +1,19 @@
 //! QEMU's netduinoplus2 (an STM32F405, the F407's die) with the image that the board gets.
 //!
 //! The machine does not model the ready bits that the start of the clocks waits for. Watchpoints
-//! on those four registers stop it at every access; we remember what is written and put the
-//! hardware's answer into the register that a load has loaded. When no access has come for a
+//! on those five registers stop it before every access; we step over it, remember what is written,
+//! and put the hardware's answer into the register that a load has loaded. When no access has come for a
 //! while, the image is through, and the watchpoints go.
 //!
 //! What the machine lacks altogether (TIM1, TIM8, TIM12, GPIO, I2C, DMA, the watchdog) it logs by
 //! name, offset and value. That log is what the tests read.
 
 use std::fs::File;
-use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use protocol::pms5005::{self, Frame, Receiver, Report};
@@ -25,7 +26,7 @@ const VERSION: &str = "version 7.2";
 
 /// Polled registers: address, value after reset, and what a load answers after a store.
 type Ready = (u32, u32, fn(u32) -> u32);
-const READY: [Ready; 4] = [
+const READY: [Ready; 5] = [
     // RCC_CR: HSIRDY, HSERDY, PLLRDY and PLLI2SRDY follow their ON bits at once.
     (0x4002_3800, 0x83, |w| {
         w & !0x0A02_0002
@@ -37,6 +38,7 @@ const READY: [Ready; 4] = [
     (0x4002_3808, 0, |w| w & !0xC | (w & 3) << 2), // RCC_CFGR: SWS is SW
     (0x4002_3874, 0, |w| w & !2 | (w & 1) << 1),   // RCC_CSR: LSIRDY is LSION
     (0x4000_7000, 0, |w| w),                       // PWR_CR: DBP reads back
+    (0x4002_3C00, 0, |w| w),                       // FLASH_ACR: LATENCY reads back
 ];
 
 /// A running machine. It ends when it is dropped.
@@ -44,6 +46,9 @@ pub struct Machine {
     qemu: Child,
     gdb: Gdb,
     uart: UnixStream,
+    /// What the image has sent. QEMU's UART stops the whole machine while its socket is full, and
+    /// some 300 single bytes fill it, so a thread reads it at all times.
+    from_image: mpsc::Receiver<u8>,
     receiver: Receiver,
     log: File,
     /// The part of the log that has been read, from the last [`Machine::forget`].
@@ -87,11 +92,21 @@ impl Machine {
             .spawn()
             .unwrap();
         let uart = connect(&at("uart"));
-        uart.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+        let (sender, from_image) = mpsc::channel();
+        let mut reader = uart.try_clone().unwrap();
+        std::thread::spawn(move || {
+            let mut buffer = [0; 256];
+            while let Ok(count @ 1..) = reader.read(&mut buffer) {
+                for &byte in &buffer[..count] {
+                    let _ = sender.send(byte); // nobody listens at the end of a test
+                }
+            }
+        });
         let mut machine = Self {
             qemu,
             gdb: Gdb::new(connect(&at("gdb"))),
             uart,
+            from_image,
             receiver: Receiver::new(),
             log: File::open(at("log")).unwrap(),
             seen: String::new(),
@@ -115,8 +130,12 @@ impl Machine {
             }
             stops += 1;
             assert!(stops < 200, "the image polls something that it never gets");
+            // It stands before the access, and would stop there again.
             let (is_load, register, address) = self.access();
             let k = READY.iter().position(|&(a, ..)| a == address).expect("a watched register");
+            self.gdb.watch(address, false);
+            self.gdb.step();
+            self.gdb.watch(address, true);
             if is_load {
                 self.gdb.set_register(register, READY[k].2(written[k]));
             } else {
@@ -131,25 +150,23 @@ impl Machine {
         self.gdb.run();
     }
 
-    /// The load or store that the machine has just done: whether a load, the data's register, the
+    /// The load or store before which the machine stands: whether a load, the data's register, the
     /// address. Thumb LDR and STR with an immediate offset, 16 and 32 bits (ARMv7-M ARM A7.7).
     fn access(&mut self) -> (bool, u8, u32) {
         let pc = self.gdb.register(PC);
-        // Aligned words around the four bytes before pc.
-        let first = (pc - 4) & !3;
-        let words = u64::from(self.gdb.word(first)) | u64::from(self.gdb.word(first + 4)) << 32;
-        let code = (words >> (8 * ((pc - 4) - first))) as u32; // the low four bytes
-        let (high, low) = (code & 0xFFFF, code >> 16);
+        let words = [pc & !3, (pc & !3) + 4].map(|address| u64::from(self.gdb.word(address)));
+        let code = (words[0] | words[1] << 32) >> (8 * (pc & 2));
+        let (first, second) = ((code & 0xFFFF) as u32, (code >> 16 & 0xFFFF) as u32); // 16 bits
         let register = |bits: u32| (bits & 0xF) as u8; // four bits
-        if matches!(high & 0xFFF0, 0xF8D0 | 0xF8C0) {
-            let base = self.gdb.register(register(high));
-            return (high & 0x10 != 0, register(low >> 12), base + (low & 0xFFF));
+        if matches!(first & 0xFFF0, 0xF8D0 | 0xF8C0) {
+            let base = self.gdb.register(register(first));
+            return (first & 0x10 != 0, register(second >> 12), base + (second & 0xFFF));
         }
-        if low & 0xF000 == 0x6000 {
-            let base = self.gdb.register(register(low >> 3 & 7));
-            return (low & 0x800 != 0, register(low & 7), base + (low >> 6 & 31) * 4);
+        if first & 0xF000 == 0x6000 {
+            let base = self.gdb.register(register(first >> 3 & 7));
+            return (first & 0x800 != 0, register(first & 7), base + (first >> 6 & 31) * 4);
         }
-        panic!("an access at {:#x} that this test cannot decode: {high:04x} {low:04x}", pc - 4);
+        panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
     }
 
     /// Sends a command of the host.
@@ -162,23 +179,13 @@ impl Machine {
     /// Waits for a frame: its DID and DATA, and whether it is telemetry.
     pub fn frame(&mut self) -> (u8, Vec<u8>, bool) {
         let deadline = Instant::now() + Duration::from_secs(5);
-        let mut byte = [0];
-        while Instant::now() < deadline {
-            match self.uart.read(&mut byte) {
-                Ok(_) => {}
-                Err(error)
-                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
-                {
-                    continue;
-                }
-                Err(error) => panic!("UART: {error}"),
-            }
-            if let Some(frame) = self.receiver.receive(&mut &byte[..]) {
+        while let Ok(byte) = self.from_image.recv_timeout(deadline - Instant::now()) {
+            if let Some(frame) = self.receiver.receive(&mut &[byte][..]) {
                 let Frame { res, did, data, .. } = Frame::parse(frame).unwrap();
                 return (did, data.to_vec(), res == 255);
             }
         }
-        panic!("the image says nothing for 5 s; its log:\n{}", self.log());
+        panic!("the image says nothing for 5 s; its log:\n{}", self.log_tail(""));
     }
 
     /// Waits for telemetry of which `wanted` makes something.
@@ -230,12 +237,13 @@ impl Machine {
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        let tail: Vec<_> =
-            self.log().lines().filter(|line| line.contains("write")).map(String::from).collect();
-        panic!(
-            "never logged: {line}\nwrites:\n{}",
-            tail[tail.len().saturating_sub(40)..].join("\n")
-        );
+        panic!("never logged: {line}\nwrites:\n{}", self.log_tail("write"));
+    }
+
+    /// The last lines of the log with something in them.
+    fn log_tail(&mut self, with: &str) -> String {
+        let lines: Vec<_> = self.log().lines().filter(|line| line.contains(with)).collect();
+        lines[lines.len().saturating_sub(40)..].join("\n")
     }
 
     /// Whether a device's register has been written since the last [`forget`](Self::forget).
