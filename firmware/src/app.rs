@@ -13,7 +13,8 @@
 //!
 //! The functions are generic; an image wraps each in a thin task, `control` on an interrupt
 //! executor above everything else. All channels are made by `main` ([`Channels`]) and passed by
-//! reference; there are no statics here.
+//! reference, and so is whatever has a state, since a future would hold what it is given several
+//! times over; there are no statics here.
 
 use core::cell::{Cell, RefCell};
 
@@ -142,8 +143,8 @@ impl<M: RawMutex> Default for Channels<M> {
 
 /// Runs the controller once every control period. Deadline: the period, 1 ms.
 pub async fn control<M: RawMutex>(
-    mut port: impl MotionPort,
-    mut controller: Controller,
+    port: &mut impl MotionPort,
+    controller: &mut Controller,
     channels: &Channels<M>,
 ) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(CONTROL_PERIOD_MS.into()));
@@ -176,7 +177,7 @@ pub async fn supervise<M: RawMutex>(mut feed: impl FnMut(), channels: &Channels<
 }
 
 /// Reads the slow sensors, one reading after the other. Deadline: a reading takes 100 ms at most.
-pub async fn sensors<M: RawMutex>(mut port: impl SensorPort, channels: &Channels<M>) -> ! {
+pub async fn sensors<M: RawMutex>(port: &mut impl SensorPort, channels: &Channels<M>) -> ! {
     loop {
         channels.sensors.set(port.read().await);
         channels.presence.check_in(Task::Sensors);
@@ -184,7 +185,7 @@ pub async fn sensors<M: RawMutex>(mut port: impl SensorPort, channels: &Channels
 }
 
 /// Shows what the host draws.
-pub async fn display<M: RawMutex>(mut port: impl LcdPort, channels: &Channels<M>) -> ! {
+pub async fn display<M: RawMutex>(port: &mut impl LcdPort, channels: &Channels<M>) -> ! {
     loop {
         channels.presence.check_in(Task::Display);
         let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
@@ -200,9 +201,9 @@ pub async fn display<M: RawMutex>(mut port: impl LcdPort, channels: &Channels<M>
 /// A line that reports an error is used again at once if it was noise; a line that reports its
 /// end is polled again after [`LINE_DOWN`].
 pub async fn link<M: RawMutex>(
-    mut rx: impl Read,
-    mut tx: impl Write,
-    session: Session,
+    rx: &mut impl Read,
+    tx: &mut impl Write,
+    session: &mut Session,
     channels: &Channels<M>,
 ) -> ! {
     let session = RefCell::new(session);

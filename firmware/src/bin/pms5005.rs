@@ -12,7 +12,7 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
 use firmware::app;
-use firmware::board::f407::{self, Motion};
+use firmware::board::f407::{self, Board, Motion};
 use firmware::board::line::{Receiver, Sender};
 use firmware::board::sensing::Sensing;
 use firmware::board::ssd1306::Ssd1306;
@@ -24,6 +24,9 @@ use static_cell::StaticCell;
 type Channels = app::Channels<CriticalSectionRawMutex>;
 
 static CHANNELS: StaticCell<Channels> = StaticCell::new();
+static BOARD: StaticCell<Board> = StaticCell::new();
+static CONTROLLER: StaticCell<Controller> = StaticCell::new();
+static SESSION: StaticCell<Session> = StaticCell::new();
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
 static SENSING: InterruptExecutor = InterruptExecutor::new();
 
@@ -40,41 +43,42 @@ unsafe fn UART5() {
 }
 
 #[embassy_executor::task]
-async fn control(motion: Motion, channels: &'static Channels) {
-    app::control(motion, Controller::new(Settings::DEFAULT.control), channels).await;
+async fn control(port: &'static mut Motion, core: &'static mut Controller, all: &'static Channels) {
+    app::control(port, core, all).await;
 }
 
 #[embassy_executor::task]
-async fn sensing(sensing: Sensing, channels: &'static Channels) {
-    sensing.run(channels).await;
+async fn sensing(sensing: &'static mut Sensing, all: &'static Channels) {
+    sensing.run(all).await;
 }
 
 #[embassy_executor::task]
-async fn display(display: Ssd1306, channels: &'static Channels) {
-    app::display(display, channels).await;
+async fn display(display: &'static mut Ssd1306, all: &'static Channels) {
+    app::display(display, all).await;
 }
 
 #[embassy_executor::task]
-async fn link(line: (Receiver, Sender), channels: &'static Channels) {
-    let session = Session::new(Settings::DEFAULT.link, Instant::now());
-    app::link(line.0, line.1, session, channels).await;
+async fn link(
+    rx: &'static mut Receiver,
+    tx: &'static mut Sender,
+    session: &'static mut Session,
+    all: &'static Channels,
+) {
+    app::link(rx, tx, session, all).await;
 }
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let mut board = f407::start();
-    let channels = &*CHANNELS.init(Channels::new());
+    let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog } =
+        BOARD.init_with(f407::start);
+    let all = &*CHANNELS.init_with(Channels::new);
+    let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
+    let session = SESSION.init_with(|| Session::new(Settings::DEFAULT.link, Instant::now()));
     interrupt::UART4.set_priority(Priority::P6);
     interrupt::UART5.set_priority(Priority::P7);
-    let tasks = (
-        control(board.motion, channels),
-        sensing(board.sensing, channels),
-        display(board.display, channels),
-        link(board.line, channels),
-    );
-    CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(tasks.0));
-    SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(tasks.1));
-    spawner.spawn(defmt::unwrap!(tasks.2));
-    spawner.spawn(defmt::unwrap!(tasks.3));
-    app::supervise(|| board.watchdog.pet(), channels).await;
+    CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));
+    SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
+    spawner.spawn(defmt::unwrap!(display(lcd, all)));
+    spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
+    app::supervise(|| watchdog.pet(), all).await;
 }

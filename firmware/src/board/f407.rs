@@ -40,7 +40,7 @@ use embassy_time::Duration;
 
 use super::analog::{self, Analog};
 use super::line::{self, Receiver, Sender};
-use super::sensing::{Ranger, Remote, Sensing};
+use super::sensing::{Bank, Ranger, Remote, Sensing};
 use super::ssd1306::Ssd1306;
 use super::{SERVO_PERIOD, SERVO_TICK_HZ, Stage, servo_compare};
 use crate::app::WATCHDOG_PERIOD;
@@ -93,8 +93,10 @@ pub struct Board {
     pub sensing: Sensing,
     /// For `app::display`.
     pub display: Ssd1306,
-    /// For `app::link`.
-    pub line: (Receiver, Sender),
+    /// For `app::link`, from the host.
+    pub rx: Receiver,
+    /// For `app::link`, to the host.
+    pub tx: Sender,
     /// For `app::supervise`.
     pub watchdog: IndependentWatchdog<'static, IWDG>,
 }
@@ -189,7 +191,7 @@ pub fn start() -> Board {
     };
 
     let ranger = |trigger, echo| Ranger { trigger, echo };
-    let sensing = Sensing {
+    let bank = Bank {
         rangers: [
             ranger(
                 Output::new(p.PA5, low, Speed::Low),
@@ -216,7 +218,6 @@ pub fn start() -> Board {
                 ExtiInput::new(p.PC10, p.EXTI10, Pull::Down, Irqs),
             ),
         ],
-        remote: Remote(ExtiInput::new(p.PC13, p.EXTI13, Pull::Up, Irqs)),
         inputs: [
             Input::new(p.PD0, Pull::Up),
             Input::new(p.PD1, Pull::Up),
@@ -229,18 +230,22 @@ pub fn start() -> Board {
         ],
         analog: slow_inputs,
     };
+    let sensing =
+        Sensing { remote: Remote(ExtiInput::new(p.PC13, p.EXTI13, Pull::Up, Irqs)), bank };
 
+    let (rx, tx) = line::new(line::Parts {
+        usart: p.USART2,
+        rx: p.PA3,
+        tx: p.PA2,
+        rx_dma: p.DMA1_CH5,
+        tx_dma: p.DMA1_CH6,
+    });
     Board {
         motion,
         sensing,
         display: Ssd1306::new(display_bus(p.I2C1, p.PB8, p.PB9)),
-        line: line::new(line::Parts {
-            usart: p.USART2,
-            rx: p.PA3,
-            tx: p.PA2,
-            rx_dma: p.DMA1_CH5,
-            tx_dma: p.DMA1_CH6,
-        }),
+        rx,
+        tx,
         watchdog,
     }
 }

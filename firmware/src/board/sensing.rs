@@ -112,10 +112,16 @@ impl Remote {
 
 /// Everything that senses slowly.
 pub struct Sensing {
-    /// Fired in turn.
-    pub rangers: [Ranger; 6],
     /// Infrared remote control.
     pub remote: Remote,
+    /// The rest.
+    pub bank: Bank,
+}
+
+/// Rangers, inputs, slow A/D values.
+pub struct Bank {
+    /// Fired in turn.
+    pub rangers: [Ranger; 6],
     /// Input port, bit 0 is input 0.
     pub inputs: [Input<'static>; 8],
     /// Fills in the A/D values.
@@ -124,19 +130,16 @@ pub struct Sensing {
 
 impl Sensing {
     /// The task: readings into `channels`, for ever.
-    pub async fn run<M: RawMutex>(self, channels: &Channels<M>) -> ! {
-        let Self { rangers, mut remote, inputs, analog } = self;
+    pub async fn run<M: RawMutex>(&mut self, channels: &Channels<M>) -> ! {
         let key = Cell::new(Key::NONE);
-        let port = Port { rangers, inputs, analog, key: &key, turn: 0, last: Sensors::UNKNOWN };
-        join(app::sensors(port, channels), remote.listen(&key)).await;
+        let mut port = Port { bank: &mut self.bank, key: &key, turn: 0, last: Sensors::UNKNOWN };
+        join(app::sensors(&mut port, channels), self.remote.listen(&key)).await;
         unreachable!("both are endless")
     }
 }
 
 struct Port<'a> {
-    rangers: [Ranger; 6],
-    inputs: [Input<'static>; 8],
-    analog: fn(&mut Sensors),
+    bank: &'a mut Bank,
     key: &'a Cell<Key>,
     turn: usize,
     last: Sensors,
@@ -146,16 +149,20 @@ impl SensorPort for Port<'_> {
     /// One ranger's turn, and everything else as it is then.
     async fn read(&mut self) -> Sensors {
         let turn_ends = Timer::after(TURN);
-        let ranger = self.rangers.iter_mut().zip(&mut self.last.sonar_cm).nth(self.turn);
+        let ranger = self.bank.rangers.iter_mut().zip(&mut self.last.sonar_cm).nth(self.turn);
         if let Some((ranger, cm)) = ranger {
             *cm = ranger.range().await;
         }
-        self.turn = (self.turn + 1) % self.rangers.len();
+        self.turn = (self.turn + 1) % self.bank.rangers.len();
         turn_ends.await;
         self.last.ir_command = self.key.get().report();
-        self.last.gpio_in =
-            self.inputs.iter().rev().fold(0, |bits, input| bits << 1 | u8::from(input.is_high()));
-        (self.analog)(&mut self.last);
+        self.last.gpio_in = self
+            .bank
+            .inputs
+            .iter()
+            .rev()
+            .fold(0, |bits, input| bits << 1 | u8::from(input.is_high()));
+        (self.bank.analog)(&mut self.last);
         self.last
     }
 }
