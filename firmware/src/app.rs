@@ -19,7 +19,7 @@
 use core::cell::{Cell, RefCell};
 
 use embassy_futures::join::join;
-use embassy_futures::select::select;
+use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
@@ -28,7 +28,8 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Ticker, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
-use crate::controller::{Command, Controller, Snapshot};
+use crate::command::Command;
+use crate::controller::{Controller, Snapshot};
 use crate::personality::pms5005::{LinkCounters, Picture, Request, Session};
 use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors};
 use crate::units::CONTROL_PERIOD_MS;
@@ -37,8 +38,8 @@ use crate::units::CONTROL_PERIOD_MS;
 /// 115200 baud, so a period brings two at most; a full queue makes the link wait, nothing is
 /// lost.
 pub const COMMANDS: usize = 4;
-/// Pictures that may wait for the display. Sixteen arrive in 103 ms at 115200 baud; a slower
-/// display makes the link wait.
+/// Pictures that may wait for the display. They come every 6.4 ms at 115200 baud at the most; one
+/// that finds no room is dropped and counted.
 pub const PICTURES: usize = 2;
 /// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
 const CHUNK: usize = 64;
@@ -195,11 +196,12 @@ pub async fn display<M: RawMutex>(port: &mut impl LcdPort, channels: &Channels<M
     }
 }
 
-/// Talks to the host. One `write` is one frame. Deadline: the receive buffer below `rx` must hold
-/// what arrives while a picture waits for the display.
+/// Talks to the host. One `write` is one frame, and takes at least a byte of it; a `read` that is
+/// dropped before it is done must not lose what has arrived. Deadline: the buffer below `rx` must hold what
+/// arrives while a command waits for the next control period (1 ms), or after an error.
 ///
-/// A line that reports an error is used again at once if it was noise; a line that reports its
-/// end is polled again after [`LINE_DOWN`].
+/// A line that reports an error (an overrun, a framing error) or its end is counted, and used
+/// again after 1 ms.
 pub async fn link<M: RawMutex>(
     rx: &mut impl Read,
     tx: &mut impl Write,
@@ -216,14 +218,14 @@ pub async fn link<M: RawMutex>(
             channels.presence.check_in(Task::Receive);
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().gives_up_at().unwrap_or(Instant::MAX).min(check_in_at);
-            let read = async { rx.read(&mut buffer).await.unwrap_or(0) };
-            let mut bytes: &[u8] = match select(read, Timer::at(until)).await {
-                embassy_futures::select::Either::First(0) => {
+            let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(until)).await {
+                Either::First(Ok(count)) if count > 0 => &buffer[..count],
+                Either::First(_) => {
+                    session.borrow_mut().line_failed();
                     Timer::after(LINE_DOWN).await;
                     &[]
                 }
-                embassy_futures::select::Either::First(count) => &buffer[..count],
-                embassy_futures::select::Either::Second(()) => &[],
+                Either::Second(()) => &[],
             };
             loop {
                 let now = Instant::now();
@@ -234,7 +236,12 @@ pub async fn link<M: RawMutex>(
                 publish();
                 match request {
                     Some(Request::Control(command)) => channels.commands.send(command).await,
-                    Some(Request::Show(picture)) => channels.pictures.send(picture).await,
+                    Some(Request::Show(picture)) => {
+                        // A display that hangs must not hold up the command that stops a motor.
+                        if channels.pictures.try_send(picture).is_err() {
+                            session.borrow_mut().picture_dropped();
+                        }
+                    }
                     None => break,
                 }
             }
@@ -254,6 +261,7 @@ pub async fn link<M: RawMutex>(
                 Some(frame) => {
                     publish();
                     if tx.write_all(frame).await.is_err() {
+                        session.borrow_mut().line_failed();
                         Timer::after(LINE_DOWN).await;
                     }
                 }
@@ -271,4 +279,4 @@ pub async fn link<M: RawMutex>(
 }
 
 /// How long a line that failed is left alone.
-const LINE_DOWN: Duration = Duration::from_millis(10);
+const LINE_DOWN: Duration = Duration::from_millis(1);

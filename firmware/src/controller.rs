@@ -13,11 +13,10 @@
 
 use core::array;
 
-use protocol::pms5005::{
-    CHANNELS, Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor,
-};
+use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
-use crate::control::axis::{Axis, AxisRefusal, Reading, scale};
+use crate::command::{Command, Configuration, ENCODERS, Refused};
+use crate::control::axis::{Axis, Reading, scale};
 use crate::control::pid::Limits;
 use crate::control::potentiometer;
 use crate::control::servo::Servo;
@@ -27,137 +26,6 @@ use crate::ports::{MotionInputs, Outputs, Sensors};
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
 use crate::units::{Counts, CountsPerSecond};
-
-/// What a personality asks of the controller.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Command {
-    /// Drive DC channels. Targets are in the method's unit: sensor counts, counts per second, or
-    /// raw [`Duty`](crate::units::Duty).
-    Drive {
-        /// What the targets are.
-        method: Method,
-        /// `None` leaves a channel alone.
-        targets: [Option<i16>; CHANNELS],
-        /// Control periods until the set-point is there; 0 is at once.
-        periods: u16,
-    },
-    /// Move servos; targets in 1/2250 ms.
-    MoveServos {
-        /// `None` leaves a servo alone.
-        targets: [Option<i16>; CHANNELS],
-        /// Control periods until the pulse width is there; 0 is at once.
-        periods: u16,
-    },
-    /// Change parameters, all in the same period.
-    Configure(Configuration),
-    /// Suspend (`run` false) or resume.
-    Run {
-        /// Whom.
-        scope: Scope,
-        /// Which.
-        run: bool,
-    },
-    /// Set the output port.
-    Gpio(u8),
-}
-
-/// New parameters; `None` leaves one as it is. Of two values for the same the later counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Configuration {
-    channels: [ChannelConfiguration; CHANNELS],
-    collision_protection: Option<bool>,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct ChannelConfiguration {
-    polarity: Option<Polarity>,
-    sensor: Option<Sensor>,
-    method: Option<Method>,
-    position: GainChanges,
-    velocity: GainChanges,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct GainChanges {
-    kp: Option<u16>,
-    kd: Option<u16>,
-    ki: Option<[u8; 2]>,
-}
-
-impl GainChanges {
-    fn iter(&self) -> impl Iterator<Item = Gain> {
-        let ki = self.ki.map(|[integer, fraction]| Gain::Integral { integer, fraction });
-        [self.kp.map(Gain::Proportional), self.kd.map(Gain::Derivative), ki].into_iter().flatten()
-    }
-}
-
-impl Configuration {
-    /// Adds one parameter.
-    ///
-    /// # Errors
-    /// [`Refused::NoSuchSensor`] when the channel has no such sensor: only channels 0 and 1 have
-    /// encoders, only channels 0 to 2 pairs of potentiometers.
-    pub fn add(&mut self, parameter: Parameter) -> Result<(), Refused> {
-        let (channel, change): (Channel, &mut dyn FnMut(&mut ChannelConfiguration)) =
-            match parameter {
-                Parameter::CollisionProtection(on) => {
-                    self.collision_protection = Some(on);
-                    return Ok(());
-                }
-                Parameter::Polarity(channel, polarity) => {
-                    (channel, &mut move |c| c.polarity = Some(polarity))
-                }
-                Parameter::Sensor(channel, sensor) => {
-                    let exists = match sensor {
-                        Sensor::SinglePotentiometer => true,
-                        Sensor::DualPotentiometer => channel.index() < potentiometer::PAIRS.len(),
-                        Sensor::Encoder => channel.index() < ENCODERS,
-                    };
-                    if !exists {
-                        return Err(Refused::NoSuchSensor(channel));
-                    }
-                    (channel, &mut move |c| c.sensor = Some(sensor))
-                }
-                Parameter::Method(channel, method) => {
-                    (channel, &mut move |c| c.method = Some(method))
-                }
-                Parameter::Gain(channel, control_loop, gain) => (channel, &mut move |c| {
-                    let gains = match control_loop {
-                        Loop::Position => &mut c.position,
-                        Loop::Velocity => &mut c.velocity,
-                    };
-                    match gain {
-                        Gain::Proportional(kp) => gains.kp = Some(kp),
-                        Gain::Derivative(kd) => gains.kd = Some(kd),
-                        Gain::Integral { integer, fraction } => {
-                            gains.ki = Some([integer, fraction]);
-                        }
-                    }
-                }),
-            };
-        if let Some(configuration) = self.channels.get_mut(channel.index()) {
-            change(configuration);
-        }
-        Ok(())
-    }
-}
-
-/// Why a command was not carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Refused {
-    /// A channel does not take this target.
-    Axis(Channel, AxisRefusal),
-    /// This channel has no such sensor.
-    NoSuchSensor(Channel),
-}
-
-/// Channels 0 and 1 have encoders.
-pub const ENCODERS: usize = 2;
 
 /// What an encoder says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -297,7 +165,10 @@ impl Controller {
         if self.link.step(link_frames, self.settings.link_timeout) == LinkEvent::Lost {
             self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
             warning!("the host is silent: {} ms", self.settings.link_timeout);
-            self.axes.iter_mut().for_each(Axis::link_lost);
+            for channel in Channel::ALL {
+                let reading = self.reading(channel);
+                self.axes[channel.index()].link_lost(reading);
+            }
             self.servos.iter_mut().for_each(Servo::link_lost);
         }
         let blocked = self.guard.step(sensors, &self.settings.collision);

@@ -10,6 +10,7 @@
 //! | [`units`] | quantities, each with its unit in its type |
 //! | [`ports`] | what hardware must offer |
 //! | [`control`] | pure control: PID, trajectories, velocity, one channel, one servo |
+//! | [`command`] | the controller's vocabulary |
 //! | [`controller`] | one step a control period over six channels and six servos |
 //! | [`safety`] | link silence, collision protection |
 //! | [`personality`] | sessions without I/O: how a controller of old presents itself |
@@ -28,6 +29,7 @@ pub mod app;
 #[cfg(all(target_os = "none", feature = "f407"))]
 #[allow(unsafe_code)] // registers and interrupt vectors; every block says why it may
 pub mod board;
+pub mod command;
 pub mod control;
 pub mod controller;
 pub mod personality;

@@ -159,6 +159,9 @@ impl MotionPort for Bench {
 
 impl LcdPort for Bench {
     async fn show(&mut self, number: u8, columns: &[u8; 64]) {
+        if self.0.borrow().overrides.lcd_hangs {
+            std::future::pending::<()>().await;
+        }
         if let Some(frame) = self.0.borrow_mut().lcd.get_mut(usize::from(number)) {
             *frame = *columns;
         }

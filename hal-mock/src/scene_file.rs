@@ -91,9 +91,12 @@ impl MotorChanges {
 /// One line that names the key and what is wrong with it.
 pub fn parse(text: &str) -> Result<Scene, String> {
     let file: SceneFile = toml::from_str(text).map_err(|error| {
-        let line = error.span().map(|span| text[..span.start].lines().count().max(1));
-        let line = line.map(|line| format!("line {line}: ")).unwrap_or_default();
-        format!("{line}{}", error.message().replace('\n', " "))
+        let place = error.span().and_then(|span| text.get(..span.start)).map(|before| {
+            let number = before.matches('\n').count();
+            let line = text.lines().nth(number).unwrap_or_default().trim();
+            format!("line {}, `{line}`: ", number + 1)
+        });
+        place.unwrap_or_default() + &error.message().replace('\n', " ")
     })?;
     let Motors { m0, m1, m2, m3, m4, m5 } = file.motor;
     let mut scene = Scene {
@@ -110,22 +113,20 @@ pub fn parse(text: &str) -> Result<Scene, String> {
 }
 
 fn check(scene: &Scene) -> Result<(), String> {
-    let positive = |name: String, value: f32| {
-        (value.is_finite() && value > 0.0)
-            .then_some(())
-            .ok_or(format!("{name} = {value}: must be above 0"))
-    };
-    let in_range = |name: String, value: f32, low: f32, high: f32| {
-        (low..=high)
-            .contains(&value)
-            .then_some(())
-            .ok_or(format!("{name} = {value}: must be {low} to {high}"))
-    };
     for (i, motor) in scene.motors.iter().enumerate() {
-        positive(format!("motor.{i}.full_speed"), motor.full_speed)?;
-        positive(format!("motor.{i}.time_constant_s"), motor.time_constant_s)?;
-        in_range(format!("motor.{i}.friction"), motor.friction, 0.0, 1.0)?;
-        in_range(format!("motor.{i}.stall_current_a"), motor.stall_current_a, 0.0, 1000.0)?;
+        let name = |key| format!("motor.{i}.{key}");
+        in_range(name("full_speed"), motor.full_speed, 1.0, 1e6)?;
+        in_range(name("time_constant_s"), motor.time_constant_s, 1e-4, 1e3)?;
+        in_range(name("friction"), motor.friction, 0.0, 1.0)?;
+        in_range(name("stall_current_a"), motor.stall_current_a, 0.0, 1e3)?;
+        let start = match motor.sensor {
+            ShaftSensor::Potentiometer => 0..=4095,
+            _ => -1_000_000_000..=1_000_000_000,
+        };
+        if !start.contains(&motor.start) {
+            let (start, (low, high)) = (motor.start, start.into_inner());
+            return Err(format!("motor.{i}.start = {start}: must be {low} to {high}"));
+        }
         match motor.sensor {
             ShaftSensor::Encoder if i > 1 => {
                 return Err(format!("motor.{i}.sensor: only motors 0 and 1 have encoders"));
@@ -138,13 +139,34 @@ fn check(scene: &Scene) -> Result<(), String> {
             _ => {}
         }
     }
-    positive("battery.motor_nominal_v".into(), scene.battery.motor_nominal_v)?;
-    in_range("battery.motor_v".into(), scene.battery.motor_v, 0.0, 1000.0)?;
-    in_range("battery.main_v".into(), scene.battery.main_v, 0.0, 1000.0)?;
-    in_range("battery.servo_v".into(), scene.battery.servo_v, 0.0, 1000.0)?;
-    let resistance = scene.battery.motor_resistance_ohm;
-    in_range("battery.motor_resistance_ohm".into(), resistance, 0.0, 1000.0)?;
+    let battery = &scene.battery;
+    in_range("battery.motor_nominal_v".into(), battery.motor_nominal_v, 0.1, 1e3)?;
+    in_range("battery.motor_v".into(), battery.motor_v, 0.0, 1e3)?;
+    in_range("battery.main_v".into(), battery.main_v, 0.0, 1e3)?;
+    in_range("battery.servo_v".into(), battery.servo_v, 0.0, 1e3)?;
+    in_range("battery.motor_resistance_ohm".into(), battery.motor_resistance_ohm, 0.0, 1e3)?;
+    let world = &scene.environment;
+    in_range("environment.ir_range_cm".into(), world.ir_range_cm, 10.0, 80.0)?;
+    in_range("environment.ambient_c".into(), world.ambient_c, -50.0, 150.0)?;
+    for (key, values, low, high) in [
+        ("driver_c", &world.driver_c[..], -50.0, 200.0),
+        ("tilt_g", &world.tilt_g[..], -2.0, 2.0),
+        ("custom_v", &world.custom_v[..], 0.0, 3.0),
+    ] {
+        for (i, value) in values.iter().enumerate() {
+            in_range(format!("environment.{key}[{i}]"), *value, low, high)?;
+        }
+    }
     in_range("noise_lsb".into(), scene.noise_lsb, 0.0, 4095.0)
+}
+
+/// Not a number is in no range.
+fn in_range(name: String, value: f32, low: f32, high: f32) -> Result<(), String> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(format!("{name} = {value}: must be {low} to {high}"))
+    }
 }
 
 #[cfg(test)]
@@ -176,6 +198,11 @@ mod tests {
             ("[environment]\nsonar_cm = [300, 1, 1, 1, 1, 1]", "300"),
             ("noise_lsb = nan", "noise_lsb"),
             ("= 3", "line 1"),
+            ("noise_lsb = 1\n\nnoise_lsb = 2", "line 3, `noise_lsb = 2`"),
+            ("[motor.0]\nreversed = true\nfoo = 1", "line 3, `foo = 1`"),
+            ("[motor.2]\nstart = -5", "motor.2.start"),
+            ("[environment]\ntilt_g = [0.0, nan]", "environment.tilt_g[1]"),
+            ("[environment]\nir_range_cm = 0.0", "environment.ir_range_cm"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(names) && error.lines().count() == 1, "{text}: {error}");

@@ -3,7 +3,7 @@
 //! Both directions carry one byte in ten bit times, as a UART does with 8 data bits, no parity and
 //! one stop bit; at 0 baud the line takes no time. The board's side is `embedded_io_async`'s
 //! `Read` and `Write`; one `write` is one frame and arrives with its last stop bit. Bytes for
-//! the board arrive in pieces of up to [`PIECE`], as a DMA that reports its progress would tell.
+//! the board arrive in pieces of up to 16, as a DMA that reports its progress would tell.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -94,6 +94,14 @@ fn instant(ns: u64) -> Instant {
     Instant::from_micros(ns.div_ceil(1000))
 }
 
+/// Waits for a time in ns. A timer would give way once even to what is already over, and a line
+/// without a speed limit would get slower than the firmware.
+async fn until(ns: u64) {
+    if instant(ns) > Instant::now() {
+        Timer::at(instant(ns)).await;
+    }
+}
+
 /// The board's receiver.
 pub struct BoardRx(Line);
 
@@ -116,7 +124,7 @@ impl Read for BoardRx {
                 }
             })
             .await;
-            Timer::at(instant(first)).await;
+            until(first).await;
             let count = line.borrow_mut().take_arrived(buffer);
             if count > 0 {
                 return Ok(count);
@@ -162,7 +170,7 @@ impl Write for BoardTx {
             state.to_host_busy = begin(state.to_host_busy) + state.byte_ns * frame.len() as u64;
             state.to_host_busy
         };
-        Timer::at(instant(end)).await;
+        until(end).await;
         line.borrow_mut().to_host.push_back((instant(end), frame.to_vec()));
         Ok(frame.len())
     }

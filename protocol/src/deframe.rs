@@ -71,6 +71,7 @@ enum Verdict {
 impl<F: Framing, const N: usize> Deframer<F, N> {
     /// An empty receiver.
     pub const fn new() -> Self {
+        const { assert!(F::HEADER >= F::START.len() && N >= F::HEADER) };
         Self {
             buffer: [0; N],
             held: 0,
@@ -125,6 +126,15 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         self.hand_out(length)
     }
 
+    /// Rejects the candidate at the front, which has waited for its bytes too long on a line that
+    /// is not silent. What is held behind it is judged at the next [`receive`](Self::receive).
+    pub fn give_up_front(&mut self) {
+        self.release();
+        if self.held > 0 {
+            self.reject();
+        }
+    }
+
     /// Lets go of the frame that was handed out last.
     #[inline]
     fn release(&mut self) {
@@ -159,12 +169,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
                     return None;
                 }
                 Verdict::Noise => self.resynchronise(),
-                Verdict::Rejected | Verdict::Needs(_) => {
-                    if self.held >= F::HEADER {
-                        self.reception.bad_frames = self.reception.bad_frames.wrapping_add(1);
-                    }
-                    self.resynchronise();
-                }
+                Verdict::Rejected | Verdict::Needs(_) => self.reject(),
             }
         }
         self.needed = F::START.len();
@@ -175,6 +180,9 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         let held = self.buffer.get(..self.held).unwrap_or_default();
         if !begins_like(F::START, held) {
             return Verdict::Noise;
+        }
+        if held.len() < F::START.len() {
+            return Verdict::Needs(F::START.len());
         }
         if held.len() < F::HEADER {
             return Verdict::Needs(F::HEADER);
@@ -187,6 +195,14 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
             },
             _ => Verdict::Rejected,
         }
+    }
+
+    /// Drops the candidate at the front; it counts as a bad frame if its header was there.
+    fn reject(&mut self) {
+        if self.held >= F::HEADER {
+            self.reception.bad_frames = self.reception.bad_frames.wrapping_add(1);
+        }
+        self.resynchronise();
     }
 
     /// Drops the front byte and all behind it up to the next place that begins like a frame.

@@ -54,6 +54,7 @@ async fn sensing(sensing: &'static mut Sensing, all: &'static Channels) {
 
 #[embassy_executor::task]
 async fn display(display: &'static mut Ssd1306, all: &'static Channels) {
+    display.begin().await;
     app::display(display, all).await;
 }
 

@@ -1,9 +1,9 @@
-//! The host's line: USART2, 115200 8N1, `embedded_io_async`'s `Read` and `Write` without errors.
+//! The host's line: USART2, 115200 8N1, `embedded_io_async`'s `Read` and `Write`.
 //!
 //! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at every
 //! [`LOOK_PERIOD`]. embassy's own receivers are not used, because each of their looks reads the
 //! data register, and a byte that arrives at that moment is lost to the DMA. What is lost or
-//! damaged all the same is counted, and the session finds its way back to the next good frame.
+//! damaged all the same is an error once, which the session counts; reading goes on after it.
 //! Sending is DMA by embassy's transmitter, which touches only the transmit side.
 //!
 //! QEMU 7.2 has neither the DMA nor transmit interrupts: under the feature `qemu` an interrupt per
@@ -37,7 +37,6 @@ pub struct Parts {
 
 #[cfg(not(feature = "qemu"))]
 mod real {
-    use core::convert::Infallible;
     use core::sync::atomic::{AtomicU8, Ordering};
 
     use embassy_stm32::mode::Async;
@@ -47,7 +46,7 @@ mod real {
     use embassy_stm32::usart::{Config, RxDma, Uart, UartRx, UartTx};
     use embassy_stm32::{bind_interrupts, dma, usart};
     use embassy_time::{Duration, Timer};
-    use embedded_io_async::{ErrorType, Read, Write};
+    use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 
     use super::super::dma::{Round, came_round, clear_flags};
     use super::{Parts, RING};
@@ -88,42 +87,65 @@ mod real {
         // SAFETY: BYTES is a static of RING atomic bytes; the stream is ours through `_uart`.
         unsafe { ring.start() };
         pac::USART2.cr3().modify(|w| w.set_dmar(true));
-        (Receiver { tail: 0, lost: 0, damaged: 0, _uart: rx }, Sender(tx))
+        (Receiver { tail: 0, damaged: false, _uart: rx }, Sender(tx))
+    }
+
+    /// What can happen to what the host sends.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+    pub enum LineError {
+        /// The ring was full: what was in it is dropped.
+        Overrun,
+        /// Noise, a framing error, or a byte that the DMA was too late for.
+        Damaged,
+    }
+
+    impl core::fmt::Display for LineError {
+        fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+            f.write_str(match self {
+                Self::Overrun => "receive ring overrun",
+                Self::Damaged => "line damaged",
+            })
+        }
+    }
+
+    impl core::error::Error for LineError {}
+
+    impl Error for LineError {
+        fn kind(&self) -> ErrorKind {
+            ErrorKind::Other
+        }
     }
 
     /// The receiving half.
     pub struct Receiver {
         /// Where the next byte is read.
         tail: usize,
-        /// Times the ring was full: its bytes were dropped.
-        lost: u32,
-        /// Looks that found the line noisy, badly framed or overrun.
-        damaged: u32,
+        /// The error flags stand, and have been reported.
+        damaged: bool,
         /// Owns the pin, the UART and the stream.
         _uart: UartRx<'static, Async>,
     }
 
     impl Receiver {
         /// Takes what has arrived.
-        fn take(&mut self, buffer: &mut [u8]) -> usize {
+        fn take(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
             // Reading the status alone clears nothing; the DMA's next reading of the data does.
             let status = pac::USART2.sr().read();
-            if status.fe() || status.ne() || status.ore() {
-                self.damaged = self.damaged.wrapping_add(1);
-                defmt::debug!("line damaged, {} times", self.damaged);
+            let damaged = status.fe() || status.ne() || status.ore();
+            if damaged && !core::mem::replace(&mut self.damaged, damaged) {
+                return Err(LineError::Damaged);
             }
+            self.damaged = damaged;
             // The flag first: if the DMA comes round in between, the flag stays for the next look,
             // which then finds the head behind the tail.
             let came_round = came_round(DMA1, STREAM);
-            let head = RING - usize::from(DMA1.st(STREAM).ndtr().read().ndt());
-            let head = head % RING;
+            let head = (RING - usize::from(DMA1.st(STREAM).ndtr().read().ndt())) % RING;
             if head < self.tail {
                 clear_flags(DMA1, STREAM);
             } else if came_round {
                 clear_flags(DMA1, STREAM);
-                self.lost = self.lost.wrapping_add(1);
-                defmt::warn!("receive ring overrun, {} times", self.lost);
                 self.tail = head;
+                return Err(LineError::Overrun);
             }
             let mut count = 0;
             for byte in buffer {
@@ -134,18 +156,18 @@ mod real {
                 self.tail = (self.tail + 1) % RING;
                 count += 1;
             }
-            count
+            Ok(count)
         }
     }
 
     impl ErrorType for Receiver {
-        type Error = Infallible;
+        type Error = LineError;
     }
 
     impl Read for Receiver {
-        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
             loop {
-                match self.take(buffer) {
+                match self.take(buffer)? {
                     0 => Timer::after(LOOK_PERIOD).await,
                     count => return Ok(count),
                 }

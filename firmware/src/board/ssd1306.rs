@@ -17,9 +17,9 @@ const COMMANDS: u8 = 0x00;
 const DATA: u8 = 0x40;
 const PAGES: u8 = 8;
 
-/// Datasheet section 4.4 "actual application example" with the charge pump on, page addressing
+/// The sequence of the datasheet's application note with the charge pump on, page addressing
 /// mode, and the panel turned so that the connector is on top.
-const SET_UP: [u8; 24] = [
+const SET_UP: [u8; 25] = [
     COMMANDS, 0xAE, // display off
     0xD5, 0x80, // oscillator
     0xA8, 0x3F, // 64 rows
@@ -33,8 +33,8 @@ const SET_UP: [u8; 24] = [
     0xD9, 0xF1, // precharge
     0xA4, 0xA6, // show the memory, not inverted
     0x2E, // no scrolling
+    0xAF, // display on
 ];
-const ON: [u8; 2] = [COMMANDS, 0xAF];
 
 /// The display. One that does not answer is set up again at the next frame.
 pub struct Ssd1306 {
@@ -51,12 +51,21 @@ impl Ssd1306 {
         Self { bus, ready: false }
     }
 
-    async fn set_up(&mut self) -> Result<(), Error> {
-        self.bus.blocking_write(ADDRESS, &SET_UP)?;
-        for number in 0..2 * PAGES {
-            self.write(number, &[0; 64]).await?;
+    /// Sets the display up and clears it, in 30 ms: before there are pictures, or the first would
+    /// be dropped. A display that is not there yet keeps what its memory holds when it comes.
+    pub async fn begin(&mut self) {
+        if self.set_up().is_err() {
+            return;
         }
-        self.bus.blocking_write(ADDRESS, &ON)
+        for number in 0..2 * PAGES {
+            self.show(number, &[0; 64]).await;
+        }
+    }
+
+    fn set_up(&mut self) -> Result<(), Error> {
+        self.bus.blocking_write(ADDRESS, &SET_UP)?;
+        self.ready = true;
+        Ok(())
     }
 
     async fn write(&mut self, number: u8, columns: &[u8; 64]) -> Result<(), Error> {
@@ -80,7 +89,7 @@ impl Ssd1306 {
 impl LcdPort for Ssd1306 {
     async fn show(&mut self, number: u8, columns: &[u8; 64]) {
         if !self.ready {
-            self.ready = self.set_up().await.is_ok();
+            self.ready = self.set_up().is_ok();
         }
         if self.ready && self.write(number, columns).await.is_err() {
             self.ready = false;

@@ -1,18 +1,17 @@
 //! One DC channel: what drives it, where it is going, and whether it may.
 //!
 //! Vocabulary: the *method* is what the set-point means (duty, position, velocity); the
-//! *set-point* is what the loop is asked for now, the *target* what it will be asked for when
-//! the ramp is over. *Logical* drive is positive when it makes the sensor's counts rise; the
+//! *set-point* is what the loop is asked for now, the *goal* what it will be asked for when the
+//! ramp is over. *Logical* drive is positive when it makes the sensor's counts rise; the
 //! polarity turns it into the bridge's. Direct PWM is the bridge's own, whatever the polarity.
 //!
 //! Promises:
 //! - Disabled means neutral. A channel is enabled by a motion command or by a resume, by nothing
 //!   else.
-//! - A change of method, sensor or polarity takes over from where the shaft and the drive are: a
-//!   loop starts with its set-point at the measurement, and what the drive differs from the
-//!   loop's own output fades away with a time constant of 32 ms.
-//! - A suspended move goes on where it was suspended: from where the shaft is then, to its
-//!   target, in the periods that were left.
+//! - When method, sensor or polarity change under way, the new loop starts where the shaft is,
+//!   and the drive crosses over from the old one to the new one in [`HANDOVER`] periods.
+//! - A suspended move goes on where it was suspended: from where the shaft is then, to its goal,
+//!   in the periods that were left (at once, if it had no time or its time was over).
 //! - After a stop by link loss nothing moves before the next motion command; a resume holds.
 
 use fixed::{
@@ -32,8 +31,13 @@ use crate::units::{Counts, CountsPerSecond, Duty};
 const STOP_RAMP: u16 = 60;
 const STOP_OFF: u16 = 95;
 
-/// A difference of drives fades by 1/32 a period.
-const FADE_SHIFT: u32 = 5;
+/// When the host falls silent a position loop holds what is within so many counts of the shaft:
+/// more than a loaded joint sags, less than a way worth speaking of.
+const HOLD_BAND: i32 = 128;
+
+/// Periods in which the drive crosses over from one loop to another: 64 ms.
+pub const HANDOVER: u8 = 1 << HANDOVER_SHIFT;
+const HANDOVER_SHIFT: u32 = 6;
 
 /// What the channel's sensor says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,6 +70,27 @@ enum State {
     Stopped,
 }
 
+/// Where a channel is going: a value, and what it means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Goal {
+    method: Method,
+    /// Bits of [`Counts`], of [`CountsPerSecond`], or a raw [`Duty`], by method.
+    value: i32,
+}
+
+/// The gains of one loop, as the host numbers them and ready to multiply.
+#[derive(Clone, Copy, Debug)]
+struct Tuning {
+    host: HostGains,
+    gains: Gains,
+}
+
+impl Tuning {
+    fn new(control_loop: Loop, host: HostGains) -> Self {
+        Self { host, gains: Gains::new(control_loop, host) }
+    }
+}
+
 /// One DC channel. See the [module](self).
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -77,31 +102,28 @@ pub struct Axis {
     sensor_chosen: bool,
     polarity: Polarity,
 
-    host_gains: [HostGains; 2],
-    position_gains: Gains,
-    velocity_gains: Gains,
+    position: Tuning,
+    velocity: Tuning,
     /// Drive a count per second, in parts of full drive.
     feed_forward: FixedI32<U24>,
 
-    /// Bits of [`Counts`], of [`CountsPerSecond`], or a raw [`Duty`], by method.
+    /// In the units of a goal of `method`.
     set_point: i32,
-    /// As the set-point; `None` when there is nowhere to go.
-    target: Option<i32>,
+    /// `None` when there is nowhere to go but to stay.
+    goal: Option<Goal>,
     ramp: Ramp,
     pid: Pid,
     last_velocity: CountsPerSecond,
     /// Logical drive of the last period.
     drive: I32F32,
-    /// What is left of the drive before the last take-over, beyond the loop's own.
-    fading: I32F32,
-    /// The next period has to measure what fades.
-    taking_over: bool,
+    /// The drive that the channel crosses over from, and the periods that are left to do so.
+    old_drive: I32F32,
+    handover: u8,
 }
 
 impl Axis {
     /// A channel at boot: disabled, one potentiometer, the original's gains.
     pub fn new() -> Self {
-        let host_gains = HostGains::DEFAULT;
         Self {
             state: State::Idle,
             method: Method::Pwm,
@@ -109,18 +131,17 @@ impl Axis {
             sensor: Sensor::SinglePotentiometer,
             sensor_chosen: false,
             polarity: Polarity::Positive,
-            host_gains: [host_gains; 2],
-            position_gains: Gains::new(Loop::Position, host_gains),
-            velocity_gains: Gains::new(Loop::Velocity, host_gains),
+            position: Tuning::new(Loop::Position, HostGains::DEFAULT),
+            velocity: Tuning::new(Loop::Velocity, HostGains::DEFAULT),
             feed_forward: FixedI32::ZERO,
             set_point: 0,
-            target: None,
+            goal: None,
             ramp: Ramp::NONE,
             pid: Pid::new(),
             last_velocity: CountsPerSecond::ZERO,
             drive: I32F32::ZERO,
-            fading: I32F32::ZERO,
-            taking_over: false,
+            old_drive: I32F32::ZERO,
+            handover: 0,
         }
     }
 
@@ -129,9 +150,9 @@ impl Axis {
         self.sensor
     }
 
-    /// The scale of the sensor in use.
-    pub fn scale(&self) -> Scale {
-        scale(self.sensor)
+    /// Whether sub-command 0D has chosen the sensor.
+    pub fn sensor_is_chosen(&self) -> bool {
+        self.sensor_chosen
     }
 
     /// Whether the channel was stopped, or is being stopped, because the host fell silent.
@@ -163,20 +184,19 @@ impl Axis {
         if self.state != State::Running || self.method != method {
             self.engage(method, now);
         }
-        let bits = match method {
+        let value = match method {
             Method::Pwm => target.into(),
             // The full turn of two potentiometers is the same place as 0.
-            Method::Position => match self.scale() {
+            Method::Position => match scale(self.sensor) {
                 Scale::Circle(turn) if i32::from(target) == i32::from(turn) => 0,
                 _ => Counts::from_num(target).to_bits(),
             },
             Method::Velocity => CountsPerSecond::from_num(target).to_bits(),
         };
-        self.head_for(bits, periods, now);
+        self.head_for(Goal { method, value }, periods, now);
         if method == Method::Pwm && periods == 0 {
-            // What a host writes into the PWM stands there at once.
-            self.fading = I32F32::ZERO;
-            self.taking_over = false;
+            // What a host writes into the PWM stands there at once: it may be a stop.
+            self.handover = 0;
         }
     }
 
@@ -194,52 +214,48 @@ impl Axis {
         match self.state {
             State::Running | State::Stopping(_) => {}
             State::Idle | State::Suspended | State::Stopped => {
-                let (target, left) = (self.target, self.ramp.left());
+                let (goal, left) = (self.goal, self.ramp.left());
                 self.engage(self.chosen_method.unwrap_or(self.method), now);
-                if let Some(target) = target {
-                    self.head_for(target, left, now);
+                if let Some(goal) = goal {
+                    self.head_for(goal, left, now);
                 }
             }
         }
     }
 
     /// The host has fallen silent: PWM and velocity come to rest within 100 ms and switch off; a
-    /// position is held where the set-point is now, a move in progress is broken off. Nothing is
-    /// left that a resume could set in motion again.
-    pub fn link_lost(&mut self) {
+    /// position loop breaks off its move and holds where the shaft is. Nothing is left that a
+    /// resume could set in motion again.
+    pub fn link_lost(&mut self, now: Reading) {
         match (self.state, self.method) {
             (State::Running, Method::Pwm | Method::Velocity) => {
-                self.target = Some(0);
                 self.ramp = Ramp::new(self.set_point.saturating_neg(), STOP_RAMP);
                 self.state = State::Stopping(STOP_OFF);
             }
             (State::Running, Method::Position) => {
-                self.target = Some(self.set_point);
+                let scale = scale(self.sensor);
+                let ahead = scale.difference(Counts::from_bits(self.set_point), now.position);
+                let band = Counts::saturating_from_num(HOLD_BAND);
+                let held = ahead.clamp(band.saturating_neg(), band);
+                self.set_point = scale.advance(now.position, held).to_bits();
                 self.ramp = Ramp::NONE;
             }
-            (State::Suspended, _) => {
-                self.target = None;
-                self.ramp = Ramp::NONE;
-            }
+            (State::Suspended, _) => self.ramp = Ramp::NONE,
             (State::Idle | State::Stopping(_) | State::Stopped, _) => {}
         }
+        self.goal = None;
     }
 
-    /// Sub-command 0E. A running channel takes up the new method where it is.
+    /// Sub-command 0E. A running channel takes up the new method where it is: a velocity that it
+    /// was driven at is kept, a position is held, a PWM stays as it is.
     pub fn set_method(&mut self, method: Method, now: Reading) {
         self.chosen_method = Some(method);
-        if method == self.method {
-            return;
-        }
-        match self.state {
-            State::Running => self.engage(method, now),
-            State::Stopping(_) => self.stopped(),
-            _ => {}
-        }
-        self.method = method;
-        if self.state != State::Running {
-            self.target = None;
-            self.ramp = Ramp::NONE;
+        if method != self.method {
+            let driven = self.method == Method::Pwm && self.set_point != 0;
+            self.start_over(method, now);
+            if self.state == State::Running && method == Method::Velocity && !driven {
+                self.head_for(Goal { method, value: 0 }, 0, now);
+            }
         }
     }
 
@@ -247,57 +263,48 @@ impl Axis {
     /// a running loop holds there.
     pub fn set_sensor(&mut self, sensor: Sensor, chosen: bool, now: Reading) {
         self.sensor_chosen |= chosen;
-        if sensor == self.sensor {
-            return;
-        }
-        self.sensor = sensor;
-        if self.method != Method::Pwm {
-            if self.state == State::Running {
-                self.engage(self.method, now);
-            } else {
-                self.target = None;
-                self.ramp = Ramp::NONE;
+        if sensor != self.sensor {
+            self.sensor = sensor;
+            self.last_velocity = now.velocity;
+            if self.method != Method::Pwm {
+                self.start_over(self.method, now);
             }
         }
     }
 
-    /// Whether sub-command 0D has chosen the sensor.
-    pub fn sensor_is_chosen(&self) -> bool {
-        self.sensor_chosen
-    }
-
-    /// Sub-command 06. The bridge's drive does not jump.
+    /// Sub-command 06. A running velocity loop goes on to its goal, a position loop holds.
     pub fn set_polarity(&mut self, polarity: Polarity, now: Reading) {
-        if polarity == self.polarity {
-            return;
-        }
-        self.polarity = polarity;
-        self.drive = self.drive.saturating_neg();
-        if self.state == State::Running && self.method != Method::Pwm {
-            self.engage(self.method, now);
+        if polarity != self.polarity {
+            self.polarity = polarity;
+            // The bridge's drive is what crosses over, and that is the other way round now.
+            self.drive = self.drive.saturating_neg();
+            self.old_drive = self.old_drive.saturating_neg();
+            let (goal, left) = (self.goal, self.ramp.left());
+            if self.method != Method::Pwm {
+                self.start_over(self.method, now);
+            }
+            if let Some(goal) = goal.filter(|goal| goal.method == Method::Velocity)
+                && self.state == State::Running
+            {
+                self.head_for(goal, left, now);
+            }
         }
     }
 
     /// Sub-commands 07 and 08.
     pub fn set_gains(&mut self, control_loop: Loop, gains: HostGains) {
-        match control_loop {
-            Loop::Position => {
-                self.host_gains = [gains, self.gains(Loop::Velocity)];
-                self.position_gains = Gains::new(control_loop, gains);
-            }
-            Loop::Velocity => {
-                self.host_gains = [self.gains(Loop::Position), gains];
-                self.velocity_gains = Gains::new(control_loop, gains);
-            }
-        }
+        *self.tuning(control_loop) = Tuning::new(control_loop, gains);
     }
 
     /// The gains in use, as the host numbers them.
-    pub fn gains(&self, control_loop: Loop) -> HostGains {
-        let [position, velocity] = self.host_gains;
+    pub fn gains(&mut self, control_loop: Loop) -> HostGains {
+        self.tuning(control_loop).host
+    }
+
+    fn tuning(&mut self, control_loop: Loop) -> &mut Tuning {
         match control_loop {
-            Loop::Position => position,
-            Loop::Velocity => velocity,
+            Loop::Position => &mut self.position,
+            Loop::Velocity => &mut self.velocity,
         }
     }
 
@@ -310,105 +317,96 @@ impl Axis {
 
     /// One period: what the bridge is to do. `limits` bound the logical drive.
     pub fn step(&mut self, now: Reading, limits: &Limits) -> MotorOutput {
-        let off = match self.state {
-            State::Running => false,
-            State::Stopping(0) => {
-                self.stopped();
-                true
-            }
-            State::Stopping(left) => {
-                self.state = State::Stopping(left.saturating_sub(1));
-                false
-            }
-            State::Idle | State::Suspended | State::Stopped => true,
-        };
+        match self.state {
+            State::Stopping(0) => self.stopped(),
+            State::Stopping(left) => self.state = State::Stopping(left.saturating_sub(1)),
+            State::Idle | State::Running | State::Suspended | State::Stopped => {}
+        }
         let rate = now.velocity.saturating_sub(self.last_velocity);
         self.last_velocity = now.velocity;
-        if off {
+        if !matches!(self.state, State::Running | State::Stopping(_)) {
             self.drive = I32F32::ZERO;
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
         let slope = CountsPerSecond::from_bits(self.ramp.slope());
         self.move_set_point();
-        let fading = self.fade(now, rate, slope);
-        let drive = match self.method {
-            Method::Pwm => {
-                let bridge = I32F32::from_bits(i64::from(self.set_point) << 18);
-                self.to_logical(bridge).saturating_add(fading).clamp(limits.low, limits.high)
-            }
-            _ => self.closed_loop(now, rate, slope, fading, limits),
+        let own = match self.method {
+            Method::Pwm => self.to_logical(I32F32::from_bits(i64::from(self.set_point) << 18)),
+            Method::Position => self.position_loop(now, slope, limits),
+            Method::Velocity => self.velocity_loop(now, rate, limits),
         };
-        self.drive = drive;
-        MotorOutput { duty: to_duty(self.to_logical(drive)), enabled: true }
+        self.drive = self.cross_over(own).clamp(limits.low, limits.high);
+        MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
-    /// The loop's own output, with what fades on top.
-    fn closed_loop(
-        &mut self,
-        now: Reading,
-        rate: CountsPerSecond,
-        slope: CountsPerSecond,
-        fading: I32F32,
-        limits: &Limits,
-    ) -> I32F32 {
-        let set_point = Counts::from_bits(self.set_point);
-        if self.method == Method::Position {
-            let error = self.scale().difference(set_point, now.position);
-            // On a ramp the shaft is meant to move: only what differs from the slope is damped.
-            let rate = now.velocity.saturating_sub(slope);
-            let forward = self.feed_forward.wide_mul(slope).saturating_add(fading);
-            self.pid.step(&self.position_gains, error, rate, forward, limits)
-        } else {
-            let error = set_point.saturating_sub(now.velocity);
-            let forward = self.feed_forward.wide_mul(set_point).saturating_add(fading);
-            self.pid.step(&self.velocity_gains, error, rate, forward, limits)
+    fn position_loop(&mut self, now: Reading, slope: CountsPerSecond, limits: &Limits) -> I32F32 {
+        let error = scale(self.sensor).difference(Counts::from_bits(self.set_point), now.position);
+        // On a ramp the shaft is meant to move: only what differs from the slope is damped.
+        let rate = now.velocity.saturating_sub(slope);
+        let forward = self.feed_forward.wide_mul(slope);
+        self.pid.step(&self.position.gains, error, rate, forward, limits)
+    }
+
+    fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> I32F32 {
+        let set_point = CountsPerSecond::from_bits(self.set_point);
+        let error = set_point.saturating_sub(now.velocity);
+        let forward = self.feed_forward.wide_mul(set_point);
+        self.pid.step(&self.velocity.gains, error, rate, forward, limits)
+    }
+
+    /// The loop's own drive, or on the way there from the old one.
+    fn cross_over(&mut self, own: I32F32) -> I32F32 {
+        if self.handover == 0 {
+            return own;
         }
+        // At most 2 * 64: far from the type's limits.
+        let apart = self.old_drive.saturating_sub(own).saturating_mul_int(self.handover.into());
+        self.handover = self.handover.saturating_sub(1);
+        own.saturating_add(apart.wrapping_shr(HANDOVER_SHIFT))
     }
 
-    /// What is left of the drive from before the last take-over.
-    fn fade(&mut self, now: Reading, rate: CountsPerSecond, slope: CountsPerSecond) -> I32F32 {
-        if self.taking_over {
-            self.taking_over = false;
-            let own = if self.method == Method::Pwm {
-                self.to_logical(I32F32::from_bits(i64::from(self.set_point) << 18))
-            } else {
-                let mut trial = self.clone();
-                trial.closed_loop(now, rate, slope, I32F32::ZERO, &Limits::FULL)
-            };
-            self.fading = self.drive.saturating_sub(own);
-        } else {
-            self.fading = self.fading.saturating_sub(self.fading.wrapping_shr(FADE_SHIFT));
-        }
-        self.fading
-    }
-
-    /// Starts a method from where shaft and drive are, holding there.
+    /// Starts a method from where shaft and drive are, staying there.
     fn engage(&mut self, method: Method, now: Reading) {
-        self.taking_over = matches!(self.state, State::Running | State::Stopping(_));
-        self.fading = I32F32::ZERO;
-        self.method = method;
+        let was_driven = matches!(self.state, State::Running | State::Stopping(_));
+        self.old_drive = self.drive;
+        self.handover = if was_driven { HANDOVER } else { 0 };
         self.state = State::Running;
-        self.pid = Pid::new();
-        self.ramp = Ramp::NONE;
-        self.target = None;
+        self.method = method;
+        self.forget();
         self.set_point = match method {
             Method::Pwm => to_duty(self.to_logical(self.drive)).raw().into(),
             Method::Position => now.position.to_bits(),
-            Method::Velocity if self.taking_over => now.velocity.to_bits(),
+            Method::Velocity if was_driven => now.velocity.to_bits(),
             Method::Velocity => 0,
         };
     }
 
-    /// Sets out for a target from the set-point; positions go the shorter way from the shaft.
-    fn head_for(&mut self, target: i32, periods: u16, now: Reading) {
+    /// What the loop rests on has changed: a running channel engages anew, one that is being
+    /// stopped is off at once, and no goal of before counts any more.
+    fn start_over(&mut self, method: Method, now: Reading) {
+        match self.state {
+            State::Running => self.engage(method, now),
+            State::Stopping(_) => self.stopped(),
+            State::Idle | State::Suspended | State::Stopped => self.forget(),
+        }
+        self.method = method;
+    }
+
+    /// Sets out for a goal of the engaged method from the set-point; positions go the shorter way
+    /// from the shaft. A goal of another method means nothing here.
+    fn head_for(&mut self, goal: Goal, periods: u16, now: Reading) {
+        if goal.method != self.method {
+            return;
+        }
         let way = if self.method == Method::Position {
+            let scale = scale(self.sensor);
             let from_shaft =
-                |bits| self.scale().difference(Counts::from_bits(bits), now.position).to_bits();
-            from_shaft(target).saturating_sub(from_shaft(self.set_point))
+                |bits| scale.difference(Counts::from_bits(bits), now.position).to_bits();
+            from_shaft(goal.value).saturating_sub(from_shaft(self.set_point))
         } else {
-            target.saturating_sub(self.set_point)
+            goal.value.saturating_sub(self.set_point)
         };
-        self.target = Some(target);
+        self.goal = Some(goal);
         self.ramp = Ramp::new(way, periods);
     }
 
@@ -416,7 +414,7 @@ impl Axis {
         let increment = self.ramp.advance();
         self.set_point = if self.method == Method::Position {
             let (position, way) = (Counts::from_bits(self.set_point), Counts::from_bits(increment));
-            self.scale().advance(position, way).to_bits()
+            scale(self.sensor).advance(position, way).to_bits()
         } else {
             self.set_point.saturating_add(increment)
         };
@@ -424,12 +422,15 @@ impl Axis {
 
     fn stopped(&mut self) {
         self.state = State::Stopped;
-        self.target = None;
-        self.ramp = Ramp::NONE;
         self.set_point = 0;
+        self.handover = 0;
+        self.forget();
+    }
+
+    fn forget(&mut self) {
+        self.goal = None;
+        self.ramp = Ramp::NONE;
         self.pid = Pid::new();
-        self.fading = I32F32::ZERO;
-        self.taking_over = false;
     }
 
     /// Bridge drive to logical drive, and back.

@@ -148,7 +148,7 @@ impl Pid {
         feed_forward: I32F32,
         limits: &Limits,
     ) -> I32F32 {
-        // The products are below 2^24 in I32F32 at the extremes of all factors.
+        // The products are at most 2^24 at the extremes of all factors.
         let proportional = gains.kp.wide_mul(error);
         let derivative = gains.kd.wide_mul(rate);
         let others = proportional.saturating_sub(derivative).saturating_add(feed_forward);
@@ -157,9 +157,9 @@ impl Pid {
         let integral = self.integral.saturating_add(more);
         let drive = others.saturating_add(I32F32::saturating_from_num(integral));
         let deeper = (drive > limits.high && more > 0) || (drive < limits.low && more < 0);
-        if !deeper {
-            self.integral = integral.clamp(from_drive(limits.low), from_drive(limits.high));
-        }
+        // The limits may have tightened since: what is kept has to fit them too.
+        let kept = if deeper { self.integral } else { integral };
+        self.integral = kept.clamp(from_drive(limits.low), from_drive(limits.high));
         others
             .saturating_add(I32F32::saturating_from_num(self.integral))
             .clamp(limits.low, limits.high)

@@ -1,7 +1,7 @@
 //! One angle from two potentiometers (sensor 01 of sub-command 0D).
 //!
 //! A potentiometer spans 333 degrees in 0 to 4095; the other 27 degrees are its dead zone, where
-//! its reading says nothing. Two of them on one shaft, mounted half a turn (2214 counts) apart,
+//! its reading says nothing; the hardware pulls the open wiper to an end. Two of them on one shaft, mounted half a turn (2214 counts) apart,
 //! are never both there. The angle is on the first one's scale: 0 to 4427, where 4096 to 4427 is
 //! its dead zone.
 
@@ -60,15 +60,11 @@ mod tests {
     }
 
     #[test]
-    fn the_angle_is_right_all_the_way_round_whatever_the_dead_zone_reads() {
-        for dead in [0, 2000, FULL_SCALE] {
+    fn the_angle_is_right_all_the_way_round_whichever_end_the_dead_zone_reads() {
+        for dead in [0, FULL_SCALE] {
             for shaft in 0..4428 {
                 let angle = angle(reading(shaft, dead), reading(shaft - HALF_TURN, dead));
-                // A dead zone that reads mid-scale cannot be told from an angle; it only shows
-                // that potentiometers are to be pulled to an end there.
-                if dead != 2000 {
-                    assert_eq!(angle, Counts::from_num(shaft), "at {shaft}, dead {dead}");
-                }
+                assert_eq!(angle, Counts::from_num(shaft), "at {shaft}, dead {dead}");
             }
         }
     }

@@ -55,6 +55,8 @@ pub struct Overrides {
     pub gpio_in: Option<u8>,
     /// Blocked shafts.
     pub jam: [Option<bool>; 6],
+    /// The display's bus hangs: nothing is shown any more.
+    pub lcd_hangs: bool,
 }
 
 /// The world. See the [module](self).
@@ -120,16 +122,17 @@ impl Plant {
     /// What the converters and counters of the motion hardware read.
     pub fn motion_inputs(&mut self) -> MotionInputs {
         let mut potentiometers = [convert::MID_SCALE; 6];
-        for (i, motor) in self.motors.iter().enumerate() {
-            match motor.scene().sensor {
-                ShaftSensor::Potentiometer => potentiometers[i] = motor.potentiometer(0.0),
-                ShaftSensor::DualPotentiometer => {
-                    if let Some(&(first, second)) = potentiometer::PAIRS.get(i) {
-                        potentiometers[first] = motor.potentiometer(0.0);
-                        potentiometers[second] = motor.potentiometer(motor::HALF_TURN);
-                    }
-                }
-                ShaftSensor::Encoder | ShaftSensor::None => {}
+        let with = |sensor| {
+            self.motors.iter().enumerate().filter(move |(_, m)| m.scene().sensor == sensor)
+        };
+        for (i, motor) in with(ShaftSensor::Potentiometer) {
+            potentiometers[i] = motor.potentiometer(0.0);
+        }
+        // A pair takes the input of another motor's potentiometer.
+        for (i, motor) in with(ShaftSensor::DualPotentiometer) {
+            if let Some(&(first, second)) = potentiometer::PAIRS.get(i) {
+                potentiometers[first] = motor.potentiometer(0.0);
+                potentiometers[second] = motor.potentiometer(motor::HALF_TURN);
             }
         }
         MotionInputs {

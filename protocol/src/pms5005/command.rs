@@ -6,17 +6,11 @@
 
 use super::did;
 use super::frame::{Data, EncodeError, Frame, RID_PMS5005};
+use super::motion::Move;
 use super::parameter::Parameters;
 
 /// DC motor channels, and servo channels: there are six of each.
 pub const CHANNELS: usize = 6;
-
-/// The documented flag before the time of a list, and the one that some hosts use.
-const TIME_FLAG: u8 = 28;
-const TIME_FLAG_IN_THE_FIELD: u8 = 6;
-
-/// In the commands for all channels: leave this one alone.
-const NO_CONTROL: u16 = 0x8000;
 
 /// DC motor or servo channel, 0 to 5. The manual's "motor 1" is channel 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -88,80 +82,6 @@ impl core::fmt::Display for Refusal {
 }
 
 impl core::error::Error for Refusal {}
-
-/// What a motion command sets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Quantity {
-    /// DC motor position in sensor counts, 0 to 32767; the sensor may allow less (DIDs 3, 4).
-    Position,
-    /// DC motor PWM, 0 to 32767, neutral at 16384 (DIDs 5, 6).
-    Pwm,
-    /// DC motor velocity in sensor counts per second, -32767 to 32767 (DIDs 26, 27).
-    Velocity,
-    /// Servo pulse width in 1/2250 ms, 500 to 7000 (DIDs 28, 29).
-    Servo,
-}
-
-impl Quantity {
-    /// Every quantity with its DIDs: for a list, and for all channels.
-    const DIDS: [(Self, u8, u8); 4] = [
-        (Self::Position, did::POSITION, did::POSITION_ALL),
-        (Self::Pwm, did::PWM, did::PWM_ALL),
-        (Self::Velocity, did::VELOCITY, did::VELOCITY_ALL),
-        (Self::Servo, did::SERVO, did::SERVO_ALL),
-    ];
-
-    /// What a motion DID sets, and how it addresses the channels.
-    fn of(did: u8) -> Option<(Self, Addressing)> {
-        Self::DIDS.into_iter().find_map(|(quantity, list, all)| match did {
-            _ if did == list => Some((quantity, Addressing::List)),
-            _ if did == all => Some((quantity, Addressing::All)),
-            _ => None,
-        })
-    }
-
-    /// The lowest and highest target that the wire allows.
-    pub const fn range(self) -> (i16, i16) {
-        match self {
-            Self::Position | Self::Pwm => (0, i16::MAX),
-            Self::Velocity => (-i16::MAX, i16::MAX),
-            Self::Servo => (500, 7000),
-        }
-    }
-
-    /// The target that a word of the wire stands for.
-    fn target(self, word: u16) -> Option<i16> {
-        let target = word.cast_signed();
-        let (low, high) = self.range();
-        (low..=high).contains(&target).then_some(target)
-    }
-}
-
-/// The two forms of a motion command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Addressing {
-    /// `[channel lo hi]+ [28 tlo thi]` (DIDs 3, 5, 26, 28).
-    List,
-    /// Six words, optionally a seventh for the time; 0x8000 leaves a channel alone
-    /// (DIDs 4, 6, 27, 29).
-    All,
-}
-
-/// A motion command: targets for some channels, to be reached in some time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Move {
-    /// What the targets are.
-    pub quantity: Quantity,
-    /// Which form the command has on the wire; both mean the same.
-    pub addressing: Addressing,
-    /// Target of each channel in the units of [`Quantity`], or `None` to leave it alone.
-    pub targets: [Option<i16>; CHANNELS],
-    /// Control periods (1 ms) in which the set-point moves there linearly; 0 is at once.
-    pub periods: u16,
-}
 
 /// A sixteenth of the LCD's image (DID 23).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -261,8 +181,8 @@ impl<'a> Command<'a> {
     /// [`Refusal`] names the first thing that is wrong. Nothing of such a frame may be used.
     pub fn parse(did: u8, data: &'a [u8]) -> Result<Self, Refusal> {
         let bad_length = Refusal::Length { did, len: data.len() };
-        if let Some((quantity, addressing)) = Quantity::of(did) {
-            return parse_move(did, quantity, addressing, data).map(Self::Move);
+        if let Some(command) = Move::parse(did, data) {
+            return command.map(Self::Move);
         }
         match (did, data) {
             (did::PARAMETERS, _) => Parameters::parse(data).map(Self::Parameters),
@@ -312,16 +232,7 @@ impl<'a> Command<'a> {
     /// The DID that this command has on the wire.
     pub fn did(&self) -> u8 {
         match self {
-            Self::Move(command) => {
-                let (_, list, all) = Quantity::DIDS
-                    .into_iter()
-                    .find(|(quantity, ..)| *quantity == command.quantity)
-                    .unwrap_or((Quantity::Position, did::POSITION, did::POSITION_ALL));
-                match command.addressing {
-                    Addressing::List => list,
-                    Addressing::All => all,
-                }
-            }
+            Self::Move(command) => command.did(),
             Self::Parameters(_) => did::PARAMETERS,
             Self::GpioOutputs(_) => did::GPIO,
             Self::Lcd(_) => did::LCD,
@@ -350,7 +261,7 @@ impl<'a> Command<'a> {
 
     fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match self {
-            Self::Move(command) => emit_move(command, data),
+            Self::Move(command) => command.emit(data),
             Self::Parameters(parameters) => append(data, parameters.as_bytes()),
             Self::GpioOutputs(outputs) => append(data, &[*outputs]),
             Self::Lcd(frame) => {
@@ -393,93 +304,4 @@ pub(super) fn flag(did: u8, byte: u8) -> Result<bool, Refusal> {
         1 => Ok(true),
         _ => Err(Refusal::Value { did, value: byte.into() }),
     }
-}
-
-fn parse_move(
-    did: u8,
-    quantity: Quantity,
-    addressing: Addressing,
-    data: &[u8],
-) -> Result<Move, Refusal> {
-    let bad_length = Refusal::Length { did, len: data.len() };
-    let target = |word| quantity.target(word).ok_or(Refusal::Value { did, value: word });
-    let mut targets = [None; CHANNELS];
-    let periods = match addressing {
-        Addressing::List => {
-            let (entries, periods) = split_time(data).ok_or(bad_length)?;
-            for &[number, low, high] in entries {
-                let channel = Channel::new(number).ok_or(Refusal::NoSuchChannel(number))?;
-                if let Some(slot) = targets.get_mut(channel.index())
-                    && slot.replace(target(u16::from_le_bytes([low, high]))?).is_some()
-                {
-                    return Err(Refusal::RepeatedChannel(number));
-                }
-            }
-            periods
-        }
-        Addressing::All => {
-            let (words, []) = data.as_chunks::<2>() else { return Err(bad_length) };
-            let (values, periods) = match words {
-                [values @ .., time] if values.len() == CHANNELS => {
-                    (values, u16::from_le_bytes(*time))
-                }
-                values if values.len() == CHANNELS => (values, 0),
-                _ => return Err(bad_length),
-            };
-            for (slot, word) in targets.iter_mut().zip(values) {
-                let word = u16::from_le_bytes(*word);
-                if word != NO_CONTROL {
-                    *slot = Some(target(word)?);
-                }
-            }
-            periods
-        }
-    };
-    Ok(Move { quantity, addressing, targets, periods })
-}
-
-/// Splits a list into its entries and its time, which is 0 when there is none. `None` when the
-/// length fits no form.
-fn split_time(data: &[u8]) -> Option<(&[[u8; 3]], u16)> {
-    let (triplets, rest) = data.as_chunks::<3>();
-    match (triplets, rest) {
-        ([], _) => None,
-        ([entries @ .., [TIME_FLAG | TIME_FLAG_IN_THE_FIELD, low, high]], [])
-            if !entries.is_empty() =>
-        {
-            Some((entries, u16::from_le_bytes([*low, *high])))
-        }
-        (entries, []) => Some((entries, 0)),
-        (entries, [low, high]) => Some((entries, u16::from_le_bytes([*low, *high]))),
-        _ => None,
-    }
-}
-
-fn emit_move(command: &Move, data: &mut Data) -> Result<(), EncodeError> {
-    let (low, high) = command.quantity.range();
-    let time = command.periods.to_le_bytes();
-    for (channel, target) in Channel::ALL.into_iter().zip(command.targets) {
-        match (target, command.addressing) {
-            (Some(target), _) if !(low..=high).contains(&target) => {
-                return Err(EncodeError::NotRepresentable);
-            }
-            (Some(target), Addressing::List) => {
-                append(data, &[channel.number()])?;
-                append(data, &target.to_le_bytes())?;
-            }
-            (Some(target), Addressing::All) => append(data, &target.to_le_bytes())?,
-            (None, Addressing::List) => {}
-            (None, Addressing::All) => append(data, &NO_CONTROL.to_le_bytes())?,
-        }
-    }
-    if data.is_empty() {
-        return Err(EncodeError::NotRepresentable);
-    }
-    if command.periods > 0 {
-        if command.addressing == Addressing::List {
-            append(data, &[TIME_FLAG])?;
-        }
-        append(data, &time)?;
-    }
-    Ok(())
 }

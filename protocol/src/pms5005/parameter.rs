@@ -168,7 +168,7 @@ impl<'a> Parameters<'a> {
         if bytes.is_empty() {
             return Err(Refusal::Length { did: did::PARAMETERS, len: 0 });
         }
-        let mut walk = Walk { rest: bytes, gains_of: None };
+        let mut walk = Walk::new(bytes);
         while walk.next_parameter()?.is_some() {}
         Ok(Self { bytes })
     }
@@ -180,7 +180,7 @@ impl<'a> Parameters<'a> {
 
     /// The parameters, in the order of the wire.
     pub fn iter(&self) -> impl Iterator<Item = Parameter> + 'a {
-        let mut walk = Walk { rest: self.bytes, gains_of: None };
+        let mut walk = Walk::new(self.bytes);
         // DATA was read through by `parse`: there is no error left to lose.
         core::iter::from_fn(move || walk.next_parameter().ok().flatten())
     }
@@ -189,11 +189,17 @@ impl<'a> Parameters<'a> {
 /// The walk through DATA.
 struct Walk<'a> {
     rest: &'a [u8],
+    /// Bytes of DATA, for refusals.
+    len: usize,
     /// Within sub-command 07 or 08: whose gains these are.
     gains_of: Option<(Loop, Channel)>,
 }
 
-impl Walk<'_> {
+impl<'a> Walk<'a> {
+    fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes, len: bytes.len(), gains_of: None }
+    }
+
     fn next_parameter(&mut self) -> Result<Option<Parameter>, Refusal> {
         if let Some((control_loop, channel)) = self.gains_of
             && let Some(gain) = self.next_gain()?
@@ -216,7 +222,10 @@ impl Walk<'_> {
                 let channel = existing(channel)?;
                 self.rest = rest;
                 self.gains_of = Some((control_loop, channel));
-                let gain = self.next_gain()?.ok_or_else(|| self.cut_short(rest))?;
+                let gain = self.next_gain()?.ok_or(match rest {
+                    [] => self.cut_short(),
+                    [unknown, ..] => Refusal::UnknownSubCommand(*unknown),
+                })?;
                 return Ok(Some(Parameter::Gain(channel, control_loop, gain)));
             }
             [sub::SENSOR, channel, value, ref rest @ ..] => {
@@ -240,7 +249,16 @@ impl Walk<'_> {
             [sub::COLLISION, value, ref rest @ ..] => {
                 (Parameter::CollisionProtection(flag(did::PARAMETERS, value)?), rest)
             }
-            ref rest => return Err(self.cut_short(rest)),
+            [
+                sub::POLARITY
+                | sub::POSITION_GAINS
+                | sub::VELOCITY_GAINS
+                | sub::SENSOR
+                | sub::METHOD
+                | sub::COLLISION,
+                ..,
+            ] => return Err(self.cut_short()),
+            [unknown, ..] => return Err(Refusal::UnknownSubCommand(unknown)),
         };
         self.rest = rest;
         self.gains_of = None;
@@ -259,33 +277,16 @@ impl Walk<'_> {
             [gain::INTEGRAL, integer, fraction, ref rest @ ..] => {
                 (Gain::Integral { integer, fraction }, rest)
             }
-            [gain::PROPORTIONAL..=gain::INTEGRAL, ref rest @ ..] => {
-                return Err(self.cut_short(rest));
-            }
+            [gain::PROPORTIONAL..=gain::INTEGRAL, ..] => return Err(self.cut_short()),
             _ => return Ok(None),
         };
         self.rest = rest;
         Ok(Some(gain))
     }
 
-    /// The refusal of bytes that begin no complete sub-command.
-    fn cut_short(&self, rest: &[u8]) -> Refusal {
-        match rest.first() {
-            Some(&byte)
-                if ![
-                    sub::POLARITY,
-                    sub::POSITION_GAINS,
-                    sub::VELOCITY_GAINS,
-                    sub::SENSOR,
-                    sub::METHOD,
-                    sub::COLLISION,
-                ]
-                .contains(&byte) =>
-            {
-                Refusal::UnknownSubCommand(byte)
-            }
-            _ => Refusal::Length { did: did::PARAMETERS, len: self.rest.len() },
-        }
+    /// The refusal of DATA that ends within a sub-command.
+    fn cut_short(&self) -> Refusal {
+        Refusal::Length { did: did::PARAMETERS, len: self.len }
     }
 }
 

@@ -4,7 +4,7 @@
 //! `{"ok":true}`, or `{"error":"..."}` with nothing changed.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd, BorrowedFd};
 
 use hal_mock::board::VirtualBoard;
@@ -31,8 +31,9 @@ struct Client {
 
 impl Inspector {
     /// Opens the window, or says in one line why not.
-    pub fn open(address: SocketAddr) -> Result<Self, String> {
-        if !address.ip().is_loopback() {
+    pub fn open(address: &str) -> Result<Self, String> {
+        let addresses = address.to_socket_addrs().map_err(|e| format!("--inspect {address}: {e}"));
+        if !addresses?.all(|address| address.ip().is_loopback()) {
             return Err(format!("--inspect {address}: only a loopback address will do"));
         }
         let complain = |e| format!("--inspect {address}: {e}");
@@ -230,6 +231,11 @@ struct LinkState {
     not_for_us: u32,
     telemetry_sent: u32,
     telemetry_skipped: u32,
+    frames_for_us: u32,
+    acks_dropped: u32,
+    pings_sent: u32,
+    pictures_dropped: u32,
+    line_errors: u32,
 }
 
 impl State {
@@ -263,6 +269,11 @@ impl State {
                 not_for_us: link.not_for_us,
                 telemetry_sent: link.telemetry_sent,
                 telemetry_skipped: link.telemetry_skipped,
+                frames_for_us: link.frames_for_us,
+                acks_dropped: link.acks_dropped,
+                pings_sent: link.pings_sent,
+                pictures_dropped: link.pictures_dropped,
+                line_errors: link.line_errors,
             },
             faults: if snapshot.link_loss { vec!["link_loss"] } else { Vec::new() },
         }

@@ -17,8 +17,10 @@ use crate::pty::Pty;
 
 /// TCP clients, and UDP peers, at a time.
 const MOST_CLIENTS: usize = 16;
-/// Bytes on the line from which on clients have to wait with theirs.
-const BACKLOG: usize = 4096;
+/// Bytes on the line from which on clients have to wait with theirs: 89 ms at 115200 baud.
+const BACKLOG: usize = 1024;
+/// Bytes that a client may put onto the line before it is another one's turn.
+const TURN: usize = 256;
 /// A client that pauses within a frame for so long gives up its turn on the line.
 const PATIENCE: Duration = Duration::from_millis(50);
 
@@ -26,11 +28,14 @@ const PATIENCE: Duration = Duration::from_millis(50);
 pub struct Links {
     pty: Pty,
     pty_flow: Flow,
+    pty_was_open: bool,
     listener: TcpListener,
     clients: Vec<(TcpStream, Flow)>,
     udp: UdpSocket,
     /// Who has sent us a datagram, the latest last.
     peers: Vec<SocketAddr>,
+    /// Whose turn on the line it is: 0 the pseudo-terminal, 1 UDP, then the TCP clients.
+    turn: usize,
 }
 
 impl Links {
@@ -43,10 +48,12 @@ impl Links {
         Ok(Self {
             pty: Pty::open(pty_link)?,
             pty_flow: Flow::new(),
+            pty_was_open: false,
             listener,
             clients: Vec::new(),
             udp: udp_socket,
             peers: Vec::new(),
+            turn: 0,
         })
     }
 
@@ -64,7 +71,7 @@ impl Links {
 
     /// How many are connected: the pseudo-terminal, TCP clients, UDP peers.
     pub fn connected(&self) -> (bool, usize, usize) {
-        (self.pty.is_open(), self.clients.len(), self.peers.len())
+        (self.pty_was_open, self.clients.len(), self.peers.len())
     }
 
     /// What can bring bytes, to wait for. A closed pseudo-terminal would end every wait at once,
@@ -73,8 +80,9 @@ impl Links {
         fds.push(self.listener.as_fd());
         if line.backlog() <= BACKLOG {
             fds.push(self.udp.as_fd());
-            fds.extend(self.clients.iter().map(|(stream, _)| stream.as_fd()));
-            if self.pty.is_open() {
+            let talking = self.clients.iter().filter(|(_, flow)| !flow.finished);
+            fds.extend(talking.map(|(stream, _)| stream.as_fd()));
+            if self.pty_was_open {
                 fds.push(self.pty.as_fd());
             }
         }
@@ -90,28 +98,42 @@ impl Links {
                 self.clients.push((stream, Flow::new()));
             }
         }
-        let mut buffer = [0; 2048];
-        if self.pty.is_open() && line.backlog() <= BACKLOG {
-            let count = self.pty.read(&mut buffer);
-            self.pty_flow.pass(&buffer[..count], line);
+        let pty_is_open = self.pty.is_open();
+        if self.pty_was_open && !pty_is_open {
+            self.pty.forget_unread();
+        }
+        self.pty_was_open = pty_is_open;
+
+        let sources = self.clients.len() + 2;
+        let first = self.turn;
+        for source in (0..sources).map(|k| (first + k) % sources) {
+            if line.backlog() > BACKLOG {
+                // It goes on here when there is room again.
+                self.turn = source;
+                break;
+            }
+            match source {
+                0 if self.pty_was_open => {
+                    let mut buffer = [0; TURN];
+                    let count = self.pty.read(&mut buffer);
+                    self.pty_flow.pass(&buffer[..count], line);
+                }
+                0 => {}
+                1 => self.receive_datagram(line),
+                _ => {
+                    let (stream, flow) = &mut self.clients[source - 2];
+                    flow.receive(stream, line);
+                }
+            }
         }
         self.pty_flow.pass_held(line);
-        self.clients.retain_mut(|(stream, flow)| {
-            let alive = line.backlog() > BACKLOG
-                || match stream.read(&mut buffer) {
-                    Ok(0) => false,
-                    Ok(count) => {
-                        flow.pass(&buffer[..count], line);
-                        true
-                    }
-                    Err(e) => matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted),
-                };
-            flow.pass_held(line);
-            alive
-        });
-        while line.backlog() <= BACKLOG
-            && let Ok((count, peer)) = self.udp.recv_from(&mut buffer)
-        {
+        self.clients.iter_mut().for_each(|(_, flow)| flow.pass_held(line));
+        self.clients.retain(|(_, flow)| !flow.gone);
+    }
+
+    fn receive_datagram(&mut self, line: &Line) {
+        let mut buffer = [0; 2048];
+        if let Ok((count, peer)) = self.udp.recv_from(&mut buffer) {
             line.host_sends(&buffer[..count]);
             self.peers.retain(|known| *known != peer);
             if self.peers.len() == MOST_CLIENTS {
@@ -123,7 +145,7 @@ impl Links {
 
     /// Sends a frame of the board to everybody.
     pub fn send(&mut self, frame: &[u8]) {
-        if self.pty.is_open() {
+        if self.pty_was_open {
             let pty = &self.pty;
             self.pty_flow.send(frame, |bytes| Some(pty.write(bytes)));
         } else {
@@ -152,6 +174,10 @@ struct Flow {
     since: Instant,
     /// The end of a frame that the client had no room for.
     unsent: Vec<u8>,
+    /// The client has nothing more to say; it may still listen.
+    finished: bool,
+    /// The client is not there any more.
+    gone: bool,
 }
 
 impl Flow {
@@ -161,6 +187,19 @@ impl Flow {
             held: Vec::new(),
             since: Instant::now(),
             unsent: Vec::new(),
+            finished: false,
+            gone: false,
+        }
+    }
+
+    /// Takes a turn's worth of what a TCP client has sent.
+    fn receive(&mut self, stream: &mut TcpStream, line: &Line) {
+        let mut buffer = [0; TURN];
+        match stream.read(&mut buffer) {
+            Ok(0) => self.finished = true,
+            Ok(count) => self.pass(&buffer[..count], line),
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
+            Err(_) => self.gone = true,
         }
     }
 

@@ -6,11 +6,10 @@
 
 mod inspect;
 mod links;
+mod printer;
 mod pty;
 mod status;
 
-use std::io::Write;
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -24,6 +23,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use inspect::Inspector;
 use links::Links;
+use printer::say;
 use status::Status;
 
 /// A simulated motion and sensing controller that host programs of the original can talk to.
@@ -44,7 +44,7 @@ struct Options {
     udp: String,
     /// Where to offer the simulated truth as JSON lines; loopback only. Off by default.
     #[arg(long, value_name = "ADDR")]
-    inspect: Option<SocketAddr>,
+    inspect: Option<String>,
     /// The world to simulate; see the documentation of hal_mock::scene_file.
     #[arg(long, value_name = "FILE.toml")]
     scene: Option<PathBuf>,
@@ -52,7 +52,7 @@ struct Options {
     #[arg(long, value_name = "BAUD", default_value_t = 115_200)]
     line_rate: u32,
     /// Stop after N seconds.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seconds: Option<f64>,
     /// Print plain lines only, even on a terminal.
     #[arg(long)]
@@ -69,6 +69,8 @@ enum Personality {
 
 /// A board that is this far behind the wall clock (a machine that slept) does not catch up.
 const FARTHEST_BEHIND: Duration = Duration::from_secs(1);
+/// The session gives up a frame that takes longer than half a second: 264 bytes take 275 ms here.
+const SLOWEST_LINE: u32 = 9600;
 
 fn main() -> ExitCode {
     let options = match Options::try_parse() {
@@ -78,16 +80,17 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Err(error) => {
+            // What is wrong, and what would be right; then come usage and tips.
             let text = error.render().to_string();
-            let line = text.lines().next().unwrap_or_default();
-            return refuse(line.strip_prefix("error: ").unwrap_or(line));
+            let said: Vec<_> = text.lines().take_while(|line| !line.is_empty()).collect();
+            let line = said.join("").replace("  ", " ");
+            return refuse(line.strip_prefix("error: ").unwrap_or(&line));
         }
     };
-    env_logger::Builder::new()
-        .filter_level(log_level())
-        .format(|out, record| writeln!(out, "{}", record.args()))
-        .init();
-    match run(&options) {
+    printer::start(log_level());
+    let result = run(&options);
+    printer::finish();
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => refuse(&message),
     }
@@ -122,12 +125,17 @@ fn run(options: &Options) -> Result<(), String> {
                 .map_err(|_| format!("--seconds {seconds}: must be 0 or more"))?,
         ),
     };
+    if (1..SLOWEST_LINE).contains(&options.line_rate) {
+        let rate = options.line_rate;
+        return Err(format!("--line-rate {rate}: must be 0, or {SLOWEST_LINE} or more"));
+    }
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+    for signal in [SIGHUP, SIGINT, SIGQUIT, SIGTERM] {
         signal_hook::flag::register(signal, stop.clone())
             .map_err(|e| format!("cannot catch signals: {e}"))?;
     }
-    let mut inspector = options.inspect.map(Inspector::open).transpose()?;
+    let mut inspector = options.inspect.as_deref().map(Inspector::open).transpose()?;
     let mut links = Links::open(options.pty.as_deref(), &options.tcp, &options.udp)?;
     let mut board = VirtualBoard::new(Make {
         scene,
@@ -187,11 +195,4 @@ fn wait(links: &Links, inspector: Option<&Inspector>, board: &VirtualBoard, star
         fds.iter().map(|fd| PollFd::from_borrowed_fd(*fd, PollFlags::IN)).collect();
     // A signal interrupts the wait; there is nothing else to go wrong.
     let _ = poll(&mut fds, Some(&time));
-}
-
-/// Prints a line; a reader that has gone does not stop the board.
-fn say(line: &str) {
-    let mut out = std::io::stdout().lock();
-    let _ = writeln!(out, "{line}");
-    let _ = out.flush();
 }

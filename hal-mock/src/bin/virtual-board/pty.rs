@@ -1,7 +1,8 @@
 //! The board's pseudo-terminal: what a host program opens as its serial device.
 //!
 //! The device is raw (no echo, no line editing) whether or not the host program asks for it. As
-//! long as nobody has it open, nothing is written, so that a host does not begin with old news.
+//! long as nobody has it open, nothing is written, and what was not read is forgotten when it is
+//! closed, so that a host does not begin with old news.
 
 use std::fs::{self, File};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -10,7 +11,7 @@ use std::path::{Path, PathBuf};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
 /// A pseudo-terminal, and perhaps a symbolic link to it, removed when it is dropped.
 pub struct Pty {
@@ -20,14 +21,17 @@ pub struct Pty {
 }
 
 impl Pty {
-    /// Opens a pseudo-terminal; `link` becomes a symbolic link to it, in place of an older one.
+    /// Opens a pseudo-terminal; `link` becomes a symbolic link to it, in place of one that a board
+    /// has left behind.
     pub fn open(link: Option<&Path>) -> Result<Self, String> {
         let (master, device) =
             Self::make().map_err(|e| format!("cannot open a pseudo-terminal: {e}"))?;
         let mut pty = Self { master, device, link: None };
         if let Some(link) = link {
             let complain = |e| format!("--pty {}: {e}", link.display());
-            if link.is_symlink() {
+            let left_behind =
+                fs::read_link(link).is_ok_and(|to| to == pty.device) || !link.exists();
+            if link.is_symlink() && left_behind {
                 fs::remove_file(link).map_err(complain)?;
             }
             std::os::unix::fs::symlink(&pty.device, link).map_err(complain)?;
@@ -64,6 +68,13 @@ impl Pty {
         let mut fds = [PollFd::new(&self.master, PollFlags::IN)];
         let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
         poll(&mut fds, Some(&at_once)).is_ok() && !fds[0].revents().contains(PollFlags::HUP)
+    }
+
+    /// Forgets what the last host has not read.
+    pub fn forget_unread(&self) {
+        if let Ok(slave) = File::options().read(true).write(true).open(&self.device) {
+            let _ = tcflush(&slave, QueueSelector::IFlush);
+        }
     }
 
     /// Reads what a host has sent, without waiting; 0 when there is nothing.

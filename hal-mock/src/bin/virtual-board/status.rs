@@ -7,7 +7,7 @@ use std::io::IsTerminal;
 use hal_mock::board::VirtualBoard;
 
 use crate::links::Links;
-use crate::say;
+use crate::printer::say;
 
 /// The display.
 pub struct Status {
@@ -96,7 +96,7 @@ fn panel(board: &VirtualBoard, links: &Links, now: u64) -> String {
         let at = plant.servos[i].position() / 2.25;
         let _ = writeln!(
             text,
-            "motor {} {duty} {:9} counts {:8.0} /s {:5.2} A    servo {} {servo} (at {at:4.0})",
+            "motor {} {duty} {:9} {:7.0}/s {:5.2} A   servo {} {servo} at {at:4.0}",
             i + 1,
             motor.position(),
             motor.velocity(),
@@ -106,13 +106,12 @@ fn panel(board: &VirtualBoard, links: &Links, now: u64) -> String {
     }
     let _ = writeln!(
         text,
-        "frames {}  bad {}  acks {}  telemetry {}  skipped {}  refused {}  outputs {:08b}",
+        "frames {} bad {} refused {}  acks {}  telemetry {}  out {:08b}",
         link.frames_ok,
         link.bad_frames,
+        link.refused.wrapping_add(board.snapshot().counters.refused),
         link.acks_sent,
         link.telemetry_sent,
-        link.telemetry_skipped,
-        link.refused.wrapping_add(board.snapshot().counters.refused),
         plant.outputs.gpio,
     );
     text

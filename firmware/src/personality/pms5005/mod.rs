@@ -13,18 +13,21 @@
 //!   the three reports take turns, so that none starves;
 //! - the host hears from us at least once a second: telemetry, or a ping.
 
+mod translate;
+
 use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use protocol::pms5005::{
-    self as wire, ACK, CustomIoReport, Encoder, Frame, MotorReport, Move, PING, Quantity,
-    RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report, Reports, SensorReport,
+    self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report,
+    Reports,
 };
 
-use crate::controller::{Command, Configuration, EncoderReading, Snapshot};
+use crate::command::{Command, Configuration};
+use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::LinkSettings;
-use crate::units::Duty;
+use translate::{motion, report};
 
 /// 255/1 is answered at most this often.
 pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
@@ -35,9 +38,9 @@ pub const PING_PERIOD: Duration = Duration::from_millis(900);
 /// baud); then what is there is searched for other frames.
 pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_FRAME: Duration = Duration::from_millis(500);
-/// Acknowledgements that may wait. They take 100 ms at 115200 baud; a host that is still owed
-/// more will have given up on them.
-const ACKS_WAITING: u16 = 115;
+/// Acknowledgements that may wait. They take a second at 115200 baud, half of what a host waits
+/// for any frame at all; more of them are dropped.
+const ACKS_WAITING: u16 = 1152;
 
 /// What a frame asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +88,10 @@ pub struct LinkCounters {
     pub telemetry_skipped: u32,
     /// Pings sent.
     pub pings_sent: u32,
+    /// Pictures that found no more room to wait for the display.
+    pub pictures_dropped: u32,
+    /// Errors that the line itself reported: overruns, framing.
+    pub line_errors: u32,
 }
 
 /// One of the three telemetry streams.
@@ -95,7 +102,7 @@ struct Stream {
     due: Instant,
 }
 
-/// The session. See the [module](self).
+/// The session. See the [module](self). The time that it is told never runs backwards.
 pub struct Session {
     receiver: Receiver,
     /// When the pending candidate's first byte came, and when its last.
@@ -158,18 +165,22 @@ impl Session {
     /// taken (`None`). Call it until it answers `None`.
     pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         let anything_new = !bytes.is_empty();
+        let skipped = self.receiver.reception().bytes_skipped;
         while let Some(frame) = self.receiver.receive(bytes) {
             self.candidate = None;
             if let Some(request) = self.answers.respond(frame, now) {
                 return Some(request);
             }
         }
-        if self.receiver.pending() == 0 {
+        if self.receiver.reception().bytes_skipped != skipped {
+            // What is pending now is another candidate than before.
             self.candidate = None;
-        } else if anything_new {
-            let first = self.candidate.map_or(now, |(first, _)| first);
-            self.candidate = Some((first, now));
         }
+        self.candidate = match self.candidate {
+            _ if self.receiver.pending() == 0 => None,
+            Some((first, _)) if anything_new => Some((first, now)),
+            candidate => candidate.or(Some((now, now))),
+        };
         None
     }
 
@@ -184,8 +195,15 @@ impl Session {
     /// Gives up on the pending bytes, if it is time to, and finds the good frames that they were
     /// holding up. Call it until it answers `None`.
     pub fn give_up(&mut self, now: Instant) -> Option<Request> {
+        let (_, last) = self.candidate?;
         if self.gives_up_at().is_none_or(|at| now < at) {
             return None;
+        }
+        if now < last.saturating_add(LONGEST_PAUSE) {
+            // The line is busy: only the candidate at the front has had its time.
+            self.receiver.give_up_front();
+            self.candidate = Some((now, last));
+            return self.receive(&mut &[][..], now);
         }
         while let Some(frame) = self.receiver.give_up() {
             if let Some(request) = self.answers.respond(frame, now) {
@@ -194,6 +212,16 @@ impl Session {
         }
         self.candidate = None;
         None
+    }
+
+    /// Counts an error that the line reported.
+    pub fn line_failed(&mut self) {
+        count(&mut self.answers.counters.line_errors, 1);
+    }
+
+    /// Counts a picture that found no room to wait.
+    pub fn picture_dropped(&mut self) {
+        count(&mut self.answers.counters.pictures_dropped, 1);
     }
 
     /// When there will be something to send; it may be now or past.
@@ -368,64 +396,4 @@ fn count(counter: &mut u32, more: u32) {
 
 fn telemetry_period(settings: &LinkSettings) -> Duration {
     Duration::from_millis(settings.telemetry_period_ms.max(1).into())
-}
-
-/// The wire's motion command in the controller's vocabulary.
-fn motion(command: &Move) -> Command {
-    use wire::Method;
-    let Move { targets, periods, .. } = *command;
-    match command.quantity {
-        Quantity::Position => Command::Drive { method: Method::Position, targets, periods },
-        Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods },
-        Quantity::Pwm => {
-            let targets = targets.map(|target| target.map(duty));
-            Command::Drive { method: Method::Pwm, targets, periods }
-        }
-        Quantity::Servo => Command::MoveServos { targets, periods },
-    }
-}
-
-/// PWM 0 to 32767 as a raw duty. Neutral is 16384; hosts use 16383 too, and both mean stop.
-fn duty(pwm: i16) -> i16 {
-    match pwm - Duty::FULL {
-        -1 => 0,
-        duty => duty,
-    }
-}
-
-/// A report of what is true now.
-fn report(reports: Reports, snapshot: &Snapshot) -> Report {
-    let sensors = &snapshot.sensors;
-    match reports {
-        Reports::CustomIo => Report::CustomIo(CustomIoReport {
-            custom_ad: sensors.custom_ad,
-            inputs: sensors.gpio_in,
-        }),
-        Reports::Sensors => Report::Sensors(SensorReport {
-            sonar_cm: sensors.sonar_cm,
-            human: sensors.human,
-            tilt: sensors.tilt,
-            overheat: sensors.overheat,
-            temperature: sensors.temperature,
-            ir_range: sensors.ir_range,
-            ir_command: sensors.ir_command,
-            battery: sensors.battery,
-            reference: sensors.reference,
-        }),
-        Reports::Motors | Reports::All => Report::Motors(MotorReport {
-            potentiometers: snapshot.motion.potentiometers,
-            currents: snapshot.motion.currents,
-            encoders: snapshot.encoders.map(encoder),
-        }),
-    }
-}
-
-/// Table II.2 wants the speed as a magnitude and a direction bit. Rest counts as positive.
-fn encoder(reading: EncoderReading) -> Encoder {
-    let velocity: i32 = reading.velocity.round().saturating_to_num();
-    Encoder {
-        count: reading.count,
-        speed: velocity.unsigned_abs().min(32767) as u16, // fits by the bound
-        positive: velocity >= 0,
-    }
 }

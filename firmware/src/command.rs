@@ -1,0 +1,131 @@
+//! The controller's vocabulary: what a personality may ask of it, and why it may refuse.
+
+use protocol::pms5005::{
+    CHANNELS, Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor,
+};
+
+use crate::control::axis::AxisRefusal;
+use crate::control::potentiometer;
+
+/// Channels 0 and 1 have encoders.
+pub const ENCODERS: usize = 2;
+
+/// What a personality asks of the controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// Drive DC channels. Targets are in the method's unit: sensor counts, counts per second, or
+    /// raw [`Duty`](crate::units::Duty).
+    Drive {
+        /// What the targets are.
+        method: Method,
+        /// `None` leaves a channel alone.
+        targets: [Option<i16>; CHANNELS],
+        /// Control periods until the set-point is there; 0 is at once.
+        periods: u16,
+    },
+    /// Move servos; targets in 1/2250 ms.
+    MoveServos {
+        /// `None` leaves a servo alone.
+        targets: [Option<i16>; CHANNELS],
+        /// Control periods until the pulse width is there; 0 is at once.
+        periods: u16,
+    },
+    /// Change parameters, all in the same period.
+    Configure(Configuration),
+    /// Suspend (`run` false) or resume.
+    Run {
+        /// Whom.
+        scope: Scope,
+        /// Which.
+        run: bool,
+    },
+    /// Set the output port.
+    Gpio(u8),
+}
+
+/// New parameters; `None` leaves one as it is. Of two values for the same the later counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Configuration {
+    pub(crate) channels: [ChannelConfiguration; CHANNELS],
+    pub(crate) collision_protection: Option<bool>,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct ChannelConfiguration {
+    pub(crate) polarity: Option<Polarity>,
+    pub(crate) sensor: Option<Sensor>,
+    pub(crate) method: Option<Method>,
+    pub(crate) position: GainChanges,
+    pub(crate) velocity: GainChanges,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct GainChanges {
+    kp: Option<u16>,
+    kd: Option<u16>,
+    ki: Option<[u8; 2]>,
+}
+
+impl GainChanges {
+    /// The new gains.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = Gain> {
+        let ki = self.ki.map(|[integer, fraction]| Gain::Integral { integer, fraction });
+        [self.kp.map(Gain::Proportional), self.kd.map(Gain::Derivative), ki].into_iter().flatten()
+    }
+}
+
+impl Configuration {
+    /// Adds one parameter.
+    ///
+    /// # Errors
+    /// [`Refused::NoSuchSensor`] when the channel has no such sensor: only channels 0 and 1 have
+    /// encoders, only channels 0 to 2 pairs of potentiometers.
+    pub fn add(&mut self, parameter: Parameter) -> Result<(), Refused> {
+        match parameter {
+            Parameter::CollisionProtection(on) => self.collision_protection = Some(on),
+            Parameter::Polarity(channel, polarity) => self.of(channel).polarity = Some(polarity),
+            Parameter::Method(channel, method) => self.of(channel).method = Some(method),
+            Parameter::Sensor(channel, sensor) => {
+                let channels = match sensor {
+                    Sensor::SinglePotentiometer => CHANNELS,
+                    Sensor::DualPotentiometer => potentiometer::PAIRS.len(),
+                    Sensor::Encoder => ENCODERS,
+                };
+                if channel.index() >= channels {
+                    return Err(Refused::NoSuchSensor(channel));
+                }
+                self.of(channel).sensor = Some(sensor);
+            }
+            Parameter::Gain(channel, control_loop, gain) => {
+                let gains = match control_loop {
+                    Loop::Position => &mut self.of(channel).position,
+                    Loop::Velocity => &mut self.of(channel).velocity,
+                };
+                match gain {
+                    Gain::Proportional(kp) => gains.kp = Some(kp),
+                    Gain::Derivative(kd) => gains.kd = Some(kd),
+                    Gain::Integral { integer, fraction } => gains.ki = Some([integer, fraction]),
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn of(&mut self, channel: Channel) -> &mut ChannelConfiguration {
+        &mut self.channels[channel.index()]
+    }
+}
+
+/// Why a command was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refused {
+    /// A channel does not take this target.
+    Axis(Channel, AxisRefusal),
+    /// This channel has no such sensor.
+    NoSuchSensor(Channel),
+}

@@ -1,0 +1,458 @@
+//! The program as a user runs it: its links, its inspector, its options, its end.
+//!
+//! Every board here listens on ports of its own. Waits have generous limits, since these machines
+//! are slow at times; what is tested is that things happen, not how fast.
+#![cfg(unix)]
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpStream, UdpSocket};
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use protocol::pms5005::{self as wire, Frame, Quantity, Receiver};
+use serde_json::{Value, json};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn program() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_virtual-board"));
+    command.args(["--tcp", "127.0.0.1:0", "--udp", "127.0.0.1:0"]);
+    command
+}
+
+/// A running board and where it listens.
+struct Board {
+    child: Child,
+    out: BufReader<std::process::ChildStdout>,
+    device: PathBuf,
+    tcp: String,
+    udp: String,
+    inspect: String,
+}
+
+impl Board {
+    fn start(options: &[&str]) -> Self {
+        let mut child = program()
+            .args(["--inspect", "127.0.0.1:0", "--headless"])
+            .args(options)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let out = BufReader::new(child.stdout.take().unwrap());
+        Self::listening(child, out)
+    }
+
+    /// Reads where a board that has just been started listens.
+    fn listening(child: Child, mut out: BufReader<std::process::ChildStdout>) -> Self {
+        let mut line = || {
+            let mut line = String::new();
+            out.read_line(&mut line).unwrap();
+            line.trim().to_owned()
+        };
+        assert!(line().contains("PMS5005"));
+        let device = line().split_whitespace().nth(2).unwrap().trim_end_matches(',').into();
+        let mut place = || line().split_whitespace().next_back().unwrap().to_owned();
+        let (tcp, udp, inspect) = (place(), place(), place());
+        Self { child, out, device, tcp, udp, inspect }
+    }
+
+    fn tcp(&self) -> TcpStream {
+        let stream = TcpStream::connect(&self.tcp).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
+    }
+
+    fn ask(&self, question: Value) -> Value {
+        let mut stream = TcpStream::connect(&self.inspect).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.write_all(format!("{question}\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        BufReader::new(stream).read_line(&mut answer).unwrap();
+        serde_json::from_str(&answer).unwrap()
+    }
+
+    fn state(&self) -> Value {
+        self.ask(json!({"get": "state"}))
+    }
+
+    /// Waits until the state shows something.
+    fn until(&self, what: impl Fn(&Value) -> bool) -> Value {
+        let start = Instant::now();
+        loop {
+            let state = self.state();
+            if what(&state) {
+                return state;
+            }
+            assert!(start.elapsed() < PATIENCE, "it never came: {state}");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Sends a signal, and answers the exit code and what was printed since.
+    fn signal(mut self, signal: i32) -> (Option<i32>, String) {
+        let pid = self.child.id().to_string();
+        Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
+        let mut text = String::new();
+        self.out.read_to_string(&mut text).unwrap();
+        (self.child.wait().unwrap().code(), text)
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn encoded(command: wire::Command) -> Vec<u8> {
+    command.encode(0, &mut [0; 300]).unwrap().to_vec()
+}
+
+fn gpio(outputs: u8) -> Vec<u8> {
+    encoded(wire::Command::GpioOutputs(outputs))
+}
+
+/// Reads until a frame with this DID has come.
+fn await_frame(stream: &mut impl Read, did: u8) -> Vec<u8> {
+    let mut receiver = Receiver::new();
+    let mut buffer = [0; 256];
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        let count = stream.read(&mut buffer).unwrap();
+        assert!(count > 0, "the board has closed the link");
+        let mut bytes = &buffer[..count];
+        while let Some(frame) = receiver.receive(&mut bytes) {
+            let frame = Frame::parse(frame).unwrap();
+            if frame.did == did {
+                return frame.data.to_vec();
+            }
+        }
+    }
+    panic!("no frame with DID {did}");
+}
+
+#[test]
+fn all_three_links_carry_the_same_session() {
+    let board = Board::start(&[]);
+    let mut tcp = board.tcp();
+    let mut serial = File::options().read(true).write(true).open(&board.device).unwrap();
+    let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
+    udp.set_read_timeout(Some(PATIENCE)).unwrap();
+    udp.connect(&board.udp).unwrap();
+
+    tcp.write_all(&gpio(1)).unwrap();
+    assert_eq!(await_frame(&mut tcp, 255), [1]);
+    board.until(|state| state["gpio_out"] == 1);
+    serial.write_all(&gpio(2)).unwrap();
+    assert_eq!(await_frame(&mut serial, 255), [1]);
+    board.until(|state| state["gpio_out"] == 2);
+    udp.send(&gpio(3)).unwrap();
+    board.until(|state| state["gpio_out"] == 3);
+    // One frame a datagram.
+    let mut buffer = [0; 2000];
+    for _ in 0..20 {
+        let count = udp.recv(&mut buffer).unwrap();
+        assert_eq!(count, usize::from(buffer[5]) + 9);
+    }
+    assert!(await_frame(&mut tcp, 125).len() == 40 && await_frame(&mut serial, 123).len() == 33);
+}
+
+#[test]
+fn frames_of_two_clients_that_come_in_pieces_do_not_mix() {
+    let board = Board::start(&[]);
+    let (mut one, mut two) = (board.tcp(), board.tcp());
+    let (frame_one, frame_two) = (gpio(0x11), encoded(wire::Command::Ping));
+    for _ in 0..20 {
+        one.write_all(&frame_one[..5]).unwrap();
+        std::thread::sleep(Duration::from_millis(2));
+        two.write_all(&frame_two).unwrap();
+        std::thread::sleep(Duration::from_millis(2));
+        one.write_all(&frame_one[5..]).unwrap();
+    }
+    let state = board.until(|state| state["link"]["frames_ok"] == 40);
+    assert_eq!(state["link"]["bytes_skipped"], 0);
+}
+
+#[test]
+fn a_client_that_vanishes_at_any_moment_does_not_stop_the_board() {
+    let board = Board::start(&[]);
+    let frame = gpio(0x55);
+    for cut in 0..frame.len() {
+        let mut stream = board.tcp();
+        stream.write_all(&frame[..cut]).unwrap();
+        drop(stream);
+        let mut serial = File::options().read(true).write(true).open(&board.device).unwrap();
+        serial.write_all(&frame[..cut]).unwrap();
+    }
+    // One that never reads, for as long as it takes to fill its buffers a little.
+    let _deaf = board.tcp();
+    let mut inspector = TcpStream::connect(&board.inspect).unwrap();
+    inspector.write_all(b"{\"get\":").unwrap();
+    drop(inspector);
+    let mut stream = board.tcp();
+    stream.write_all(&gpio(0x66)).unwrap();
+    board.until(|state| state["gpio_out"] == 0x66);
+    assert_eq!(await_frame(&mut stream, 124).len(), 17);
+}
+
+#[test]
+fn a_client_that_has_said_all_it_has_to_say_still_hears_the_answer() {
+    let board = Board::start(&[]);
+    let mut stream = board.tcp();
+    stream.write_all(&gpio(0x77)).unwrap();
+    stream.shutdown(std::net::Shutdown::Write).unwrap();
+    assert_eq!(await_frame(&mut stream, 255), [1]);
+    assert_eq!(await_frame(&mut stream, 123).len(), 33);
+    drop(stream);
+    board.tcp().write_all(&gpio(0x78)).unwrap();
+    board.until(|state| state["gpio_out"] == 0x78);
+}
+
+#[test]
+fn a_client_that_floods_the_line_does_not_keep_the_others_from_it() {
+    let board = Board::start(&[]);
+    let mut flood = board.tcp();
+    let mut reader = flood.try_clone().unwrap();
+    let mut other = board.tcp();
+    let stop = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let frames = gpio(1).repeat(50);
+            flood.set_write_timeout(Some(Duration::from_millis(100))).unwrap();
+            while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                let _ = flood.write(&frames);
+            }
+        });
+        scope.spawn(|| {
+            let mut buffer = [0; 4096];
+            while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                let _ = reader.read(&mut buffer);
+            }
+        });
+        std::thread::sleep(Duration::from_millis(500));
+        let start = Instant::now();
+        let servo = wire::Command::Move(wire::Move {
+            quantity: Quantity::Servo,
+            addressing: wire::Addressing::List,
+            targets: [Some(2250), None, None, None, None, None],
+            periods: 0,
+        });
+        other.write_all(&encoded(servo)).unwrap();
+        board.until(|state| state["servos"][0]["pulse_us"] == 1000.0);
+        let waited = start.elapsed();
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        // A share of the line, not the end of the flood.
+        assert!(waited < Duration::from_secs(5), "{waited:?}");
+    });
+}
+
+#[test]
+fn a_status_that_nobody_reads_does_not_hold_up_the_board() {
+    // Nobody reads the log of refused frames either: it fills its pipe in no time.
+    let mut child = program()
+        .args(["--inspect", "127.0.0.1:0", "--headless"])
+        .env("RUST_LOG", "warn")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let out = BufReader::new(child.stdout.take().unwrap());
+    let board = Board::listening(child, out);
+    let mut stream = board.tcp();
+    let unknown = Frame { rid: 1, res: 255, did: 31, data: &[] };
+    let refused = unknown.encode(&mut [0; 16]).unwrap().repeat(3000);
+    stream.write_all(&refused).unwrap();
+    stream.write_all(&gpio(0x99)).unwrap();
+    board.until(|state| state["link"]["unknown"] == 3000 && state["gpio_out"] == 0x99);
+    let (code, _) = board.signal(15);
+    assert_eq!(code, Some(0));
+}
+
+#[test]
+fn a_host_that_opens_the_serial_device_reads_no_old_news() {
+    let board = Board::start(&[]);
+    let open = || File::options().read(true).write(true).open(&board.device).unwrap();
+    let deaf = open();
+    std::thread::sleep(Duration::from_millis(1500));
+    drop(deaf);
+    std::thread::sleep(Duration::from_millis(200));
+    // A frame now says what is true now.
+    board.ask(json!({"set": {"gpio_in": 170}}));
+    std::thread::sleep(Duration::from_millis(200));
+    assert_eq!(await_frame(&mut open(), 124)[16], 170);
+}
+
+#[test]
+fn the_inspector_overrides_sensors_and_gives_them_back() {
+    let board = Board::start(&["--seed", "3"]);
+    let ok = json!({"ok": true});
+    assert_eq!(
+        board.ask(json!({"set": {
+            "pot": [10, 20, 30, 40, 50, 60], "motor_current": [1, 2, 3, 4, 5, 6],
+            "custom_ad": [1, 2, 3, 4, 5, 6, 7, 8], "human": [1, 2, 3, 4], "tilt": [5, 6],
+            "overheat": [7, 8], "temperature": 9, "ir_range": 10, "battery": [11, 12, 13],
+            "reference": [14, 15], "sonar_cm": [21, 22, 23, 24, 25, 26],
+            "ir_command": [31, 32, 33, 255], "gpio_in": 170,
+        }})),
+        ok
+    );
+    // A client that connects when the sensors have been read again sees nothing older.
+    std::thread::sleep(Duration::from_millis(200));
+    let mut tcp = board.tcp();
+    let motors = await_frame(&mut tcp, 123);
+    assert_eq!(
+        motors[..24],
+        [10, 0, 20, 0, 30, 0, 40, 0, 50, 0, 60, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0]
+    );
+    let custom = await_frame(&mut tcp, 124);
+    assert_eq!(custom, [1, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6, 0, 7, 0, 8, 0, 170]);
+    let sensors = await_frame(&mut tcp, 125);
+    assert_eq!(sensors[..6], [21, 22, 23, 24, 25, 26]);
+    assert_eq!(sensors[26..30], [31, 32, 33, 255]);
+    assert_eq!(sensors[36..], [14, 0, 15, 0]);
+
+    assert_eq!(board.ask(json!({"set": {"pot": null, "gpio_in": null}})), ok);
+    std::thread::sleep(Duration::from_millis(200));
+    let mut fresh = board.tcp();
+    assert_ne!(await_frame(&mut fresh, 123)[..12], motors[..12]);
+    assert_eq!(await_frame(&mut fresh, 124)[16], 0);
+}
+
+#[test]
+fn a_bad_question_is_answered_with_an_error_that_names_it_and_changes_nothing() {
+    let board = Board::start(&[]);
+    for (question, names) in [
+        (json!({"set": {"pot": [1, 2]}}), "pot"),
+        (json!({"set": {"gpio_in": 7, "temperature": 4096}}), "temperature"),
+        (json!({"set": {"gpio_in": 7, "bogus": 1}}), "bogus"),
+        (json!({"set": {"jam": [1, 0, 0, 0, 0, 0]}}), "jam"),
+        (json!({"set": {"sonar_cm": [256, 0, 0, 0, 0, 0]}}), "sonar_cm"),
+        (json!({"get": "everything"}), "get"),
+        (json!([1]), "get"),
+    ] {
+        let answer = board.ask(question);
+        assert!(answer["error"].as_str().is_some_and(|e| e.contains(names)), "{answer}");
+    }
+    let mut stream = TcpStream::connect(&board.inspect).unwrap();
+    stream.write_all(b"no json\n").unwrap();
+    let mut answer = String::new();
+    BufReader::new(stream).read_line(&mut answer).unwrap();
+    assert!(answer.contains("error"));
+    let mut tcp = board.tcp();
+    assert_eq!(await_frame(&mut tcp, 124)[16], 0, "gpio_in was not set");
+}
+
+#[test]
+fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
+    let board = Board::start(&["--line-rate", "0"]);
+    let mut tcp = board.tcp();
+    let velocity = |target| {
+        encoded(wire::Command::Move(wire::Move {
+            quantity: Quantity::Velocity,
+            addressing: wire::Addressing::List,
+            targets: [Some(target), None, None, None, None, None],
+            periods: 0,
+        }))
+    };
+    tcp.write_all(&velocity(2000)).unwrap();
+    let state = board.until(|s| s["motors"][0]["velocity"].as_f64().unwrap() > 1000.0);
+    assert!(state["motors"][0]["enabled"] == true && state["motors"][1]["enabled"] == false);
+    assert!(state["motors"][0]["position"].is_i64());
+    assert!((-1.0..=1.0).contains(&state["motors"][0]["duty"].as_f64().unwrap()));
+    assert_eq!(state["motors"].as_array().unwrap().len(), 6);
+    assert_eq!(state["servos"][5], json!({"enabled": false, "pulse_us": 0.0}));
+    assert_eq!(state["lcd"].as_str().unwrap().len(), 2048);
+    for counter in [
+        "frames_ok",
+        "bad_frames",
+        "bytes_skipped",
+        "acks_sent",
+        "refused",
+        "unknown",
+        "not_for_us",
+        "telemetry_sent",
+        "telemetry_skipped",
+    ] {
+        assert!(state["link"][counter].is_u64(), "{counter}");
+    }
+    board.ask(json!({"set": {"jam": [true, false, false, false, false, false]}}));
+    board.until(|s| s["motors"][0]["velocity"] == 0.0 && s["motors"][0]["duty"] != 0.0);
+    // Two seconds after its only frame the host is silent.
+    board.until(|s| s["faults"] == json!(["link_loss"]) && s["motors"][0]["enabled"] == false);
+}
+
+#[test]
+fn the_serial_device_has_a_link_that_goes_with_the_board() {
+    let link = std::env::temp_dir().join(format!("virtual-board-test-{}", std::process::id()));
+    for signal in [1, 2, 3, 15] {
+        let board = Board::start(&["--pty", link.to_str().unwrap()]);
+        let mut serial = File::options().read(true).write(true).open(&link).unwrap();
+        serial.write_all(&gpio(9)).unwrap();
+        board.until(|state| state["gpio_out"] == 9);
+        let (code, text) = board.signal(signal);
+        assert_eq!((code, text.lines().next_back()), (Some(0), Some("bye")));
+        assert!(!link.is_symlink());
+    }
+    // What is not a board's own link is left alone; a dangling one is replaced.
+    std::fs::write(&link, "somebody's file").unwrap();
+    let output = program().args(["--pty", link.to_str().unwrap()]).output().unwrap();
+    refused(&output, link.to_str().unwrap());
+    assert_eq!(std::fs::read_to_string(&link).unwrap(), "somebody's file");
+    std::fs::remove_file(&link).unwrap();
+    let first = Board::start(&["--pty", link.to_str().unwrap()]);
+    let output = program().args(["--pty", link.to_str().unwrap()]).output().unwrap();
+    refused(&output, link.to_str().unwrap());
+    assert_eq!(std::fs::read_link(&link).unwrap(), first.device);
+    drop(first); // killed: the link dangles
+    assert!(link.is_symlink());
+    drop(Board::start(&["--pty", link.to_str().unwrap()]));
+    std::fs::remove_file(&link).unwrap();
+}
+
+#[test]
+fn it_ends_after_its_seconds_with_a_status_line_each() {
+    let output = program().args(["--seconds", "2.5", "--headless"]).output().unwrap();
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let lines = text.lines().filter(|line| line.starts_with("t=")).count();
+    assert_eq!(lines, 2, "{text}");
+}
+
+fn refused(output: &Output, names: &str) {
+    let error = String::from_utf8(output.stderr.clone()).unwrap();
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(error.lines().count() == 1 && error.contains(names), "{names}: {error}");
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
+    for (options, names) in [
+        (&["--bogus"][..], "--bogus"),
+        (&["cm6"], "[possible values: pms5005]"),
+        (&["--line-rate", "fast"], "--line-rate"),
+        (&["--seconds", "-1"], "--seconds -1"),
+        (&["--line-rate", "1200"], "9600"),
+        (&["--seconds", "nan"], "--seconds"),
+        (&["--inspect", "0.0.0.0:0"], "--inspect 0.0.0.0:0"),
+        (&["--scene", "/no/such.toml"], "/no/such.toml"),
+        (&["--pty"], "--pty"),
+    ] {
+        refused(&program().args(options).output().unwrap(), names);
+    }
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = Command::new(env!("CARGO_BIN_EXE_virtual-board"))
+        .args(["--udp", "127.0.0.1:0", "--tcp", &address])
+        .output()
+        .unwrap();
+    refused(&output, &address);
+
+    let scene = std::env::temp_dir().join(format!("scene-{}.toml", std::process::id()));
+    std::fs::write(&scene, "[motor.0]\ngearbox = 3").unwrap();
+    refused(&program().arg("--scene").arg(&scene).output().unwrap(), "gearbox");
+    std::fs::remove_file(&scene).unwrap();
+}

@@ -1,0 +1,502 @@
+//! What must not move does not: silence of the host, obstacles, commands that are refused.
+
+use firmware::settings::Settings;
+use hal_mock::board::Make;
+use hal_mock::plant::{Motor, MotorScene, Scene, ShaftSensor};
+use protocol::pms5005::{
+    Addressing, Channel, Command, Method, Move, Parameter, Polarity, Quantity, Scope, Sensor, did,
+};
+use tests::Bench;
+
+#[test]
+fn at_boot_nothing_is_driven() {
+    let mut bench = Bench::new();
+    for _ in 0..1000 {
+        bench.run_ms(1);
+        for i in 0..6 {
+            assert_eq!((bench.bridge(i), bench.pulse(i)), ((0, false), None));
+        }
+    }
+    // A resume enables what was never commanded, but moves nothing; servos stay without pulses.
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_ms(100);
+    assert_eq!((bench.bridge(0), bench.pulse(0)), ((0, true), None));
+}
+
+/// A bench with a wheel on PWM, a wheel on velocity, a joint on its way and a servo on its way.
+fn everything_moving() -> Bench {
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+    bench.drive(Quantity::Velocity, 1, 5000, 0);
+    bench.drive(Quantity::Position, 2, 1000, 0);
+    bench.run_alive_ms(1000);
+    bench.drive(Quantity::Position, 2, 3000, 10_000);
+    bench.drive(Quantity::Servo, 3, 2000, 0);
+    bench.drive(Quantity::Servo, 3, 5000, 10_000);
+    bench.run_ms(10);
+    bench
+}
+
+#[test]
+fn a_silent_host_stops_pwm_and_velocity_within_100_ms_and_positions_hold() {
+    let mut bench = everything_moving();
+    // The last frame came a moment ago. Until 2 s after it nothing changes.
+    bench.run_ms(1980);
+    assert_eq!(bench.bridge(0), (8000, true));
+    assert!(bench.velocity(1) > 4800.0);
+    assert!(!bench.board.snapshot().link_loss);
+    bench.run_ms(120);
+    assert_eq!((bench.bridge(0), bench.bridge(1)), ((0, false), (0, false)));
+    assert!(bench.velocity(1).abs() < 500.0, "{}", bench.velocity(1));
+    assert!(bench.board.snapshot().link_loss);
+    // The joint and the servo stay where they were on their way, held.
+    bench.run_ms(300);
+    let (joint, servo) = (bench.position(2), bench.pulse(3));
+    assert!((1100..1600).contains(&joint), "{joint}");
+    bench.run_ms(5000);
+    assert!(bench.bridge(2).1 && (bench.position(2) - joint).abs() <= 2);
+    assert!(servo.is_some() && bench.pulse(3) == servo);
+}
+
+#[test]
+fn the_stop_is_a_ramp_that_is_neither_a_jerk_nor_late() {
+    let mut bench = everything_moving();
+    while bench.bridge(0).0 == 8000 {
+        bench.run_ms(1);
+    }
+    let mut duties = vec![bench.bridge(0).0];
+    while bench.bridge(0).1 {
+        bench.run_ms(1);
+        duties.push(bench.bridge(0).0);
+    }
+    assert!((50..=100).contains(&duties.len()), "{} ms", duties.len());
+    assert!(duties.windows(2).all(|d| d[1] <= d[0] && d[0] - d[1] <= 400), "{duties:?}");
+}
+
+#[test]
+fn after_link_loss_only_a_motion_command_moves_again() {
+    let mut bench = everything_moving();
+    bench.run_ms(3000);
+    assert!(bench.board.snapshot().link_loss);
+    // Frames come again, even a resume: it holds, it does not run off.
+    bench.run_alive_ms(500);
+    assert!(bench.board.snapshot().link_loss, "stopped channels are still reported");
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(500);
+    assert_eq!(bench.bridge(0), (0, true));
+    assert!(bench.velocity(1).abs() < 20.0, "{}", bench.velocity(1));
+    bench.drive(Quantity::Velocity, 1, 3000, 0);
+    bench.drive(Quantity::Pwm, 0, 16384 - 4000, 0);
+    bench.run_alive_ms(500);
+    assert!(bench.velocity(1) > 2800.0);
+    assert_eq!(bench.bridge(0), (-4000, true));
+    assert!(!bench.board.snapshot().link_loss);
+}
+
+/// A wheel under position control by its encoder.
+fn position_by_encoder(bench: &mut Bench) {
+    let wheel = Channel::ALL[0];
+    bench.configure(&[
+        Parameter::Sensor(wheel, Sensor::Encoder),
+        Parameter::Method(wheel, Method::Position),
+    ]);
+}
+
+#[test]
+fn a_silent_host_breaks_off_a_move_that_had_no_time_too() {
+    // Jammed on its way, or just far to go: with the host gone the shaft does not go there.
+    let mut bench = Bench::new();
+    position_by_encoder(&mut bench);
+    bench.board.plant.borrow_mut().overrides.jam[0] = Some(true);
+    bench.drive(Quantity::Position, 0, 6000, 0);
+    bench.run_ms(4000);
+    assert!(bench.board.snapshot().link_loss);
+    bench.board.plant.borrow_mut().overrides.jam[0] = None;
+    bench.run_ms(2000);
+    assert!(bench.position(0).abs() <= 140, "moved {}", bench.position(0));
+
+    let mut settings = Settings::DEFAULT;
+    settings.control.link_timeout = 200;
+    let mut bench = Bench::with(Make { settings, ..Make::default() });
+    position_by_encoder(&mut bench);
+    bench.drive(Quantity::Position, 0, 16_000, 0);
+    while !bench.board.snapshot().link_loss {
+        bench.run_ms(1);
+    }
+    // It is at full speed then, and needs some way to stop.
+    let at = bench.position(0);
+    bench.run_ms(3000);
+    let further = bench.position(0) - at;
+    assert!((0..=600).contains(&further), "from {at} {further} counts further");
+}
+
+#[test]
+fn after_link_loss_a_resume_holds_a_position_where_the_shaft_is() {
+    let mut bench = Bench::new();
+    position_by_encoder(&mut bench);
+    bench.drive(Quantity::Position, 0, 6000, 0);
+    bench.run_ms(3000);
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.run_alive_ms(100);
+    // Somebody turns the wheel.
+    let moved = MotorScene { start: 2000, ..MotorScene::with(ShaftSensor::Encoder) };
+    bench.board.plant.borrow_mut().motors[0] = Motor::new(moved);
+    bench.run_alive_ms(200);
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(1500);
+    assert!(bench.bridge(0).1 && (bench.position(0) - 2000).abs() <= 20, "{}", bench.position(0));
+}
+
+#[test]
+fn parameters_that_arrive_during_the_stop_switch_the_bridge_off() {
+    let wheel = Channel::ALL[0];
+    for parameter in [
+        Parameter::Sensor(wheel, Sensor::SinglePotentiometer),
+        Parameter::Polarity(wheel, Polarity::Negative),
+        Parameter::Method(wheel, Method::Position),
+    ] {
+        let mut bench = Bench::new();
+        bench.drive(Quantity::Velocity, 0, 5000, 0);
+        bench.run_alive_ms(1000);
+        while !bench.board.snapshot().link_loss {
+            bench.run_ms(1);
+        }
+        bench.run_ms(10);
+        bench.configure(&[parameter]);
+        bench.run_ms(3);
+        for _ in 0..200 {
+            assert_eq!(bench.bridge(0), (0, false), "{parameter:?}");
+            bench.run_ms(1);
+        }
+    }
+}
+
+#[test]
+fn a_stop_by_neutral_pwm_stays_a_stop_when_the_channel_is_resumed() {
+    let wheel = Channel::ALL[0];
+    for method in [Method::Position, Method::Velocity] {
+        let mut bench = Bench::new();
+        position_by_encoder(&mut bench);
+        bench.drive(Quantity::Position, 0, 6000, 0);
+        bench.run_alive_ms(1500);
+        bench.configure(&[Parameter::Method(wheel, method)]);
+        bench.drive(Quantity::Pwm, 0, 16384, 0);
+        bench.run_alive_ms(500);
+        let at = bench.position(0);
+        bench.send(Command::Run { scope: Scope::All, run: false });
+        bench.run_alive_ms(200);
+        bench.send(Command::Run { scope: Scope::All, run: true });
+        bench.run_alive_ms(1500);
+        assert!((bench.position(0) - at).abs() <= 20, "{method:?}: from {at}");
+    }
+}
+
+#[test]
+fn choosing_a_method_does_not_set_a_stopped_wheel_in_motion() {
+    let wheel = Channel::ALL[0];
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Velocity, 0, 8000, 0);
+    bench.run_alive_ms(500);
+    // It still coasts when the method is chosen.
+    bench.drive(Quantity::Pwm, 0, 16384, 0);
+    bench.run_ms(20);
+    assert!(bench.velocity(0) > 2000.0);
+    bench.configure(&[Parameter::Method(wheel, Method::Velocity)]);
+    bench.run_alive_ms(1000);
+    assert!(bench.velocity(0).abs() < 20.0, "{}", bench.velocity(0));
+}
+
+#[test]
+fn a_polarity_that_is_put_right_brings_a_runaway_wheel_back() {
+    let mut scene = Scene::default();
+    scene.motors[0] = MotorScene { reversed: true, ..MotorScene::with(ShaftSensor::Encoder) };
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    bench.drive(Quantity::Velocity, 0, 400, 0);
+    bench.run_alive_ms(1000);
+    assert!(bench.velocity(0) < -10_000.0, "it runs away");
+    bench.configure(&[Parameter::Polarity(Channel::ALL[0], Polarity::Negative)]);
+    bench.run_alive_ms(2000);
+    assert!((380.0..420.0).contains(&bench.velocity(0)), "{}", bench.velocity(0));
+}
+
+#[test]
+fn an_obstacle_that_goes_away_does_not_let_a_wound_up_wheel_loose() {
+    let mut bench = Bench::new();
+    bench.configure(&[Parameter::CollisionProtection(true)]);
+    bench.drive(Quantity::Velocity, 0, 1000, 0);
+    bench.run_alive_ms(300);
+    let set = |bench: &Bench, jam, sonar| {
+        let overrides = &mut bench.board.plant.borrow_mut().overrides;
+        (overrides.jam[0], overrides.sonar_cm[0]) = (jam, sonar);
+    };
+    set(&bench, Some(true), None);
+    bench.run_alive_ms(2000);
+    set(&bench, Some(true), Some(10));
+    bench.run_alive_ms(3000);
+    set(&bench, None, None);
+    let mut peak = 0.0f32;
+    bench.run_alive_with(1000, |bench| peak = peak.max(bench.velocity(0)));
+    assert!((950.0..=1200.0).contains(&peak), "{peak}");
+}
+
+#[test]
+fn a_motion_command_takes_over_in_the_middle_of_the_stop() {
+    let mut bench = everything_moving();
+    while bench.bridge(0).0 == 8000 {
+        bench.run_ms(1);
+    }
+    bench.run_ms(20);
+    bench.drive(Quantity::Pwm, 0, 16384 + 2000, 0);
+    bench.run_ms(200);
+    assert_eq!((bench.bridge(0), bench.bridge(1)), ((2000, true), (0, false)));
+}
+
+#[test]
+fn a_suspended_channel_does_not_start_by_itself_after_link_loss() {
+    let mut bench = everything_moving();
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.run_ms(3000);
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(500);
+    assert_eq!(bench.bridge(0), (0, true));
+    assert!(bench.velocity(1).abs() < 20.0);
+}
+
+#[test]
+fn frames_for_others_and_garbage_are_no_sign_of_life() {
+    let mut bench = everything_moving();
+    let not_ours = [0x5E, 2, 8, 0, 255, 1, 0, 0xA2, 0x5E, 0x0D];
+    for _ in 0..30 {
+        bench.board.line.host_sends(&not_ours);
+        bench.board.line.host_sends(b"any noise");
+        bench.run_ms(100);
+    }
+    assert_eq!(bench.bridge(0), (0, false));
+}
+
+#[test]
+fn the_silence_allowed_is_a_setting_and_0_allows_any() {
+    for (link_timeout, stops_at) in [(500, Some(500)), (0, None)] {
+        let mut settings = Settings::DEFAULT;
+        settings.control.link_timeout = link_timeout;
+        let mut bench = Bench::with(Make { settings, ..Make::default() });
+        bench.drive(Quantity::Pwm, 0, 20_000, 0);
+        bench.run_ms(5);
+        let stopped = (5..60_000).find(|_| {
+            bench.run_ms(1);
+            bench.bridge(0).0 < 3616
+        });
+        match stops_at {
+            None => assert_eq!(stopped, None),
+            Some(ms) => assert!(stopped.is_some_and(|at| (ms - 5..=ms + 5).contains(&at))),
+        }
+    }
+}
+
+#[test]
+fn the_collision_protection_stops_driving_towards_an_obstacle_and_never_backing_off() {
+    for (near, far) in [(Some(20), None), (None, Some(3000))] {
+        let mut bench = Bench::new();
+        bench.drive(Quantity::Velocity, 0, 2000, 0);
+        bench.drive(Quantity::Pwm, 1, 20_000, 0);
+        bench.drive(Quantity::Pwm, 2, 20_000, 0);
+        bench.run_alive_ms(500);
+        let place = |bench: &Bench| {
+            let overrides = &mut bench.board.plant.borrow_mut().overrides;
+            overrides.sonar_cm[1] = near;
+            overrides.ir_range = far;
+        };
+        place(&bench);
+        bench.run_alive_ms(500);
+        assert!(bench.velocity(0) > 1900.0, "it is off at boot");
+
+        bench.configure(&[Parameter::CollisionProtection(true)]);
+        bench.run_alive_ms(500);
+        assert!(bench.velocity(0) < 10.0 && bench.velocity(1) < 10.0);
+        assert_eq!(bench.bridge(2).0, 3616, "a joint is no wheel");
+        assert!(bench.board.snapshot().obstacle);
+        bench
+            .run_alive_with(500, |bench| assert!(bench.bridge(0).0 <= 0 && bench.bridge(1).0 <= 0));
+
+        bench.drive(Quantity::Velocity, 0, -1000, 0);
+        bench.drive(Quantity::Pwm, 1, 12_000, 0);
+        bench.run_alive_ms(500);
+        assert!((-1100.0..-900.0).contains(&bench.velocity(0)), "{}", bench.velocity(0));
+        assert_eq!(bench.bridge(1).0, 12_000 - 16384);
+
+        // With the road clear it goes on.
+        bench.board.plant.borrow_mut().overrides = Default::default();
+        bench.drive(Quantity::Velocity, 0, 1500, 0);
+        bench.run_alive_ms(800);
+        assert!((1400.0..1600.0).contains(&bench.velocity(0)), "{}", bench.velocity(0));
+    }
+}
+
+#[test]
+fn the_collision_protection_knows_a_motor_that_is_wired_the_other_way_round() {
+    let mut scene = Scene::default();
+    scene.motors[0] = MotorScene { reversed: true, ..MotorScene::with(ShaftSensor::Encoder) };
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    bench.board.plant.borrow_mut().overrides.sonar_cm = [Some(10); 6];
+    let wheel = Channel::ALL[0];
+    bench.configure(&[
+        Parameter::Polarity(wheel, Polarity::Negative),
+        Parameter::CollisionProtection(true),
+    ]);
+    // Raw PWM above neutral lowers the counts here: it backs off.
+    bench.drive(Quantity::Pwm, 0, 20_000, 0);
+    bench.run_alive_ms(300);
+    assert!(bench.position(0) < -100);
+    bench.drive(Quantity::Pwm, 0, 12_000, 0);
+    bench.run_alive_ms(300);
+    assert_eq!(bench.bridge(0).0, 0);
+}
+
+#[test]
+fn a_display_that_hangs_does_not_hold_up_the_command_that_stops_a_motor() {
+    let mut bench = Bench::quiet();
+    bench.board.plant.borrow_mut().overrides.lcd_hangs = true;
+    bench.drive(Quantity::Pwm, 0, 30_000, 0);
+    for number in 0..16 {
+        let mut picture = [0xAA; 65];
+        picture[0] = number;
+        bench.send_raw(did::LCD, &picture);
+    }
+    bench.run_ms(150);
+    assert_eq!(bench.bridge(0), (30_000 - 16384, true));
+    bench.drive(Quantity::Pwm, 0, 16384, 0);
+    bench.run_ms(5);
+    assert_eq!(bench.bridge(0), (0, true));
+    assert_eq!(bench.acks(), 18);
+    // One hangs in the display, two wait.
+    assert_eq!(bench.board.link().pictures_dropped, 13);
+}
+
+/// Runs a bad frame and shows that it was acknowledged, counted, and did nothing.
+fn refused(bench: &mut Bench, did: u8, data: &[u8]) {
+    let refusals =
+        |bench: &Bench| bench.board.link().refused + bench.board.snapshot().counters.refused;
+    let before = (bench.board.plant.borrow().outputs, refusals(bench));
+    bench.send_raw(did, data);
+    bench.run_ms(40);
+    assert_eq!(bench.acks(), 1, "{did} {data:?} arrived intact");
+    let after = (bench.board.plant.borrow().outputs, refusals(bench));
+    assert_eq!(after, (before.0, before.1 + 1), "{did} {data:?}");
+}
+
+#[test]
+fn a_list_with_one_bad_entry_does_nothing() {
+    let mut bench = Bench::quiet();
+    let bad: &[(u8, &[u8])] = &[
+        (did::PWM, &[0, 0x00, 0x50, 6, 0x00, 0x50, 1, 0x00, 0x50]), // flag in the middle
+        (did::PWM, &[0, 0x00, 0x50, 9, 0x00, 0x50]),                // no channel 9
+        (did::PWM, &[0, 0x00, 0x50, 1, 0x00, 0x80]),                // out of range
+        (did::PWM, &[0, 0x00, 0x50, 0, 0x00, 0x60]),                // twice the same
+        (did::PWM, &[0, 0x00, 0x50, 1]),                            // cut short
+        (did::PWM, &[28, 100, 0]),                                  // time for nothing
+        (did::PWM, &[]),
+        (did::PWM_ALL, &[0; 11]),
+        (did::PWM_ALL, &[0, 0x50, 0, 0x50, 0, 0x50, 0, 0x50, 0, 0x50, 1, 0x80]),
+        (did::POSITION, &[0, 0x00, 0x01, 2, 0x00, 0x10]), // 4096 is beyond a potentiometer
+        (did::VELOCITY, &[0, 0x10, 0x00, 1, 0x00, 0x80]), // -32768
+        (did::SERVO, &[0, 0x00, 0x08, 1, 0x00, 0x00]),    // no servo takes 0
+        (did::SERVO, &[0, 0x00, 0x08, 1, 0x00, 0x40]),
+        (did::RUN, &[1, 12]),
+        (did::RUN, &[2]),
+        (did::RUN, &[]),
+        (did::LCD, &[16; 65]),
+        (did::LCD, &[0; 64]),
+        (did::GPIO, &[1, 2]),
+        (did::MOTORS, &[1, 2]),
+        (did::SETUP, &[2]),
+        (did::SETUP, &[]),
+        (did::PARAMETERS, &[]),
+        (did::PARAMETERS, &[0x06, 0, 2]),
+        (did::PARAMETERS, &[0x0D, 2, 2]), // channel 2 has no encoder
+        (did::PARAMETERS, &[0x0D, 3, 1]), // channel 3 has no pair of potentiometers
+        (did::PARAMETERS, &[0x0E, 0, 3]),
+        (did::PARAMETERS, &[0x13, 1, 0x42]),
+        (did::PARAMETERS, &[0x07, 0, 4, 1, 1]),
+        (did::PARAMETERS, &[0x07, 0]),
+        (did::PARAMETERS, &[0x07, 0, 1, 1]),
+    ];
+    for (did, data) in bad {
+        refused(&mut bench, *did, data);
+    }
+}
+
+#[test]
+fn a_compound_of_parameters_with_one_bad_one_changes_nothing() {
+    let mut bench = Bench::quiet();
+    // Encoder and position method for channel 0, then a method that does not exist.
+    refused(&mut bench, did::PARAMETERS, &[0x0D, 0, 2, 0x0E, 0, 1, 0x0E, 1, 9]);
+    // So the DID still implies the method, and the potentiometer's range still holds.
+    refused(&mut bench, did::POSITION, &[0, 0x70, 0x17]);
+    bench.drive(Quantity::Pwm, 0, 20_000, 0);
+    bench.run_ms(20);
+    assert_eq!(bench.bridge(0), (3616, true));
+}
+
+#[test]
+fn a_chosen_method_refuses_the_others_except_a_stop() {
+    let mut bench = Bench::quiet();
+    let wheel = Channel::ALL[0];
+    bench.configure(&[
+        Parameter::Sensor(wheel, Sensor::Encoder),
+        Parameter::Method(wheel, Method::Velocity),
+    ]);
+    bench.drive(Quantity::Velocity, 0, 2000, 0);
+    bench.run_alive_ms(500);
+    bench.received();
+    let before = bench.board.snapshot().counters.refused;
+    bench.drive(Quantity::Pwm, 0, 30_000, 0);
+    bench.drive(Quantity::Position, 0, 100, 0);
+    // Channel 1 has chosen nothing, but a list is carried out whole or not at all.
+    let targets = [Some(30_000), Some(30_000), None, None, None, None];
+    bench.send(Command::Move(Move {
+        quantity: Quantity::Pwm,
+        addressing: Addressing::List,
+        targets,
+        periods: 0,
+    }));
+    bench.run_alive_ms(500);
+    assert_eq!(bench.board.snapshot().counters.refused - before, 3);
+    assert!((1900.0..2100.0).contains(&bench.velocity(0)));
+    assert_eq!(bench.bridge(1), (0, false));
+    // Both numbers that hosts use for neutral are a stop, and a stop is always taken.
+    for neutral in [16384, 16383] {
+        bench.drive(Quantity::Velocity, 0, 2000, 0);
+        bench.run_alive_ms(300);
+        bench.drive(Quantity::Pwm, 0, neutral, 0);
+        bench.run_alive_ms(20);
+        assert_eq!(bench.bridge(0), (0, true));
+    }
+}
+
+#[test]
+fn the_extremes_of_every_field_leave_a_board_that_works() {
+    let mut bench = Bench::quiet();
+    let gains = |kp: u8, kd: u8, ki: u8| {
+        [0x07, 0x08].map(|sub| [sub, 0, 1, kp, kp & 0x80, 2, kd, kd & 0x80, 3, ki, ki])
+    };
+    for data in gains(255, 255, 255) {
+        bench.send_raw(did::PARAMETERS, &data);
+    }
+    for sensor in [0, 1, 2] {
+        bench.send_raw(did::PARAMETERS, &[0x0D, 0, sensor]);
+        for target in [-32_767, 32_767, 0] {
+            for periods in [0, 1, 65_535] {
+                bench.drive(Quantity::Velocity, 0, target, periods);
+                bench.run_alive_ms(30);
+                bench.drive(Quantity::Position, 0, target.max(0) >> 3, periods);
+                bench.run_alive_ms(30);
+            }
+        }
+    }
+    for data in gains(50, 5, 0) {
+        bench.send_raw(did::PARAMETERS, &data);
+    }
+    bench.drive(Quantity::Position, 0, 3000, 0);
+    bench.run_alive_ms(2000);
+    assert!((2960..=3040).contains(&bench.position(0).rem_euclid(32_768)));
+}
