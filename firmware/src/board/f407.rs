@@ -292,10 +292,7 @@ fn report_reset(cause: pac::rcc::regs::Csr) {
 
 /// Pull-ups for open collectors.
 fn encoder_inputs() -> qei::Config {
-    let mut config = qei::Config::default();
-    config.ch1_pull = Pull::Up;
-    config.ch2_pull = Pull::Up;
-    config
+    qei::Config { ch1_pull: Pull::Up, ch2_pull: Pull::Up, ..Default::default() }
 }
 
 fn display_bus(
