@@ -14,8 +14,9 @@
 //! and sampled at one fixed place of the PWM period, away from its edges at moderate duties. The
 //! CPU only reads [`SAMPLES`].
 //!
-//! Two streams step side by side, so a lost conversion would shift every input by one address:
-//! [`Analog::check`] compares where they are, and starts both anew if they disagree.
+//! Two streams step side by side, and neither can lose a step unnoticed: a sample that the DMA is
+//! too late for sets the ADC's overrun flag, which stops its requests; a bus error stops a stream.
+//! [`Analog::check`] looks for both and starts the two anew, together.
 
 use core::sync::atomic::{AtomicU16, Ordering};
 
@@ -166,17 +167,13 @@ impl Analog {
         TIM8.cr1().modify(|w| w.set_cen(true));
     }
 
-    /// Starts the scan anew if a conversion was lost. Called once a control period.
+    /// Starts the scan anew if it has stopped. Called once a control period.
     pub fn check(&mut self) {
-        let position = |round: &Round| round.items - round.dma.st(round.stream).ndtr().read().ndt();
-        // The sampler is where the selector is until it has sampled, then one further; one more is
-        // allowed for an interrupt between the two readings.
-        let selected = position(&self.select);
-        let sampled = position(&self.sample) / MULTIPLEXERS as u16;
-        let ahead = sampled.wrapping_sub(selected) % ADDRESSES as u16;
-        if ahead > 2 || ADC1.sr().read().ovr() {
+        let overrun = ADC1.sr().read().ovr();
+        let failed = [&self.select, &self.sample].map(Round::failed).contains(&true);
+        if overrun || failed {
             self.restarts = self.restarts.wrapping_add(1);
-            defmt::warn!("analogue scan out of step: {} ahead, restart {}", ahead, self.restarts);
+            defmt::warn!("analogue scan: {} restarts (overrun: {})", self.restarts, overrun);
             self.start();
         }
     }

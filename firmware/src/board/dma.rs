@@ -2,8 +2,8 @@
 //!
 //! A stream is claimed by passing its embassy token to whoever starts it; nothing else touches it.
 
+use embassy_stm32::pac::dma::Dma;
 use embassy_stm32::pac::dma::vals::{Dir, Size};
-use embassy_stm32::pac::dma::{Dma, St};
 
 /// What a stream does.
 pub struct Round {
@@ -31,7 +31,7 @@ impl Round {
     /// # Safety
     /// `memory` holds `items` items for ever, and may be written by the DMA if the direction is
     /// from the peripheral.
-    pub unsafe fn start(&self) -> St {
+    pub unsafe fn start(&self) {
         let stream = self.dma.st(self.stream);
         stream.cr().write(|_| {});
         // The stream ends its current item first (RM0090 10.3.17): a few bus cycles. The bound is
@@ -54,12 +54,16 @@ impl Round {
             w.set_circ(true);
             w.set_en(true);
         });
-        stream
+    }
+
+    /// Whether a bus error has stopped the stream.
+    pub fn failed(&self) -> bool {
+        self.dma.isr(self.stream / 4).read().teif(self.stream % 4)
     }
 }
 
-#[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
 /// Whether the stream has come to its buffer's end since the flags were last cleared.
+#[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
 pub fn came_round(dma: Dma, stream: usize) -> bool {
     dma.isr(stream / 4).read().tcif(stream % 4)
 }
