@@ -7,11 +7,14 @@
 //!            └────────────────────────┘  Snapshot  └────────────────────┘
 //!                      │ Picture                             ↑ Sensors
 //!                      └────────> display ──> LcdPort        └── sensors <── SensorPort
+//!
+//!  supervise: feeds the watchdog when all of the above have checked in
 //! ```
 //!
 //! The functions are generic; an image wraps each in a thin task, `control` on an interrupt
 //! executor above everything else. All channels are made by `main` ([`Channels`]) and passed by
-//! reference; there are no statics here.
+//! reference, and so is whatever has a state, since a future would hold what it is given several
+//! times over; there are no statics here.
 
 use core::cell::{Cell, RefCell};
 
@@ -22,7 +25,7 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Instant, Ticker, Timer};
+use embassy_time::{Duration, Instant, Ticker, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 
 use crate::command::Command;
@@ -40,6 +43,51 @@ pub const COMMANDS: usize = 4;
 pub const PICTURES: usize = 2;
 /// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
 const CHUNK: usize = 64;
+/// A task that waits for something checks in at least this often while it waits. Work between
+/// two waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
+const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
+/// How long a watchdog must bear without food: a task's longest silence is one
+/// [`CHECK_IN_PERIOD`] and one turn of work, [`supervise`] looks as often, and twice that is to
+/// spare.
+pub const WATCHDOG_PERIOD: Duration = Duration::from_millis(500);
+
+/// Who must show signs of life, as bits.
+#[derive(Clone, Copy)]
+enum Task {
+    Control = 1 << 0,
+    Sensors = 1 << 1,
+    Display = 1 << 2,
+    Receive = 1 << 3,
+    Transmit = 1 << 4,
+}
+
+impl Task {
+    const ALL: u8 = (1 << 5) - 1;
+}
+
+/// Who has checked in since the watchdog was last fed.
+struct Presence<M: RawMutex>(Mutex<M, Cell<u8>>);
+
+impl<M: RawMutex> Presence<M> {
+    const fn new() -> Self {
+        Self(Mutex::new(Cell::new(0)))
+    }
+
+    fn check_in(&self, task: Task) {
+        self.0.lock(|present| present.set(present.get() | task as u8)); // a bit, fits
+    }
+
+    /// Whether all are present; if so, all must check in again.
+    fn take_if_all(&self) -> bool {
+        self.0.lock(|present| {
+            let all = present.get() == Task::ALL;
+            if all {
+                present.set(0);
+            }
+            all
+        })
+    }
+}
 
 /// The newest value of something, for readers that do not want to wait.
 pub struct Latest<M: RawMutex, T: Copy>(Mutex<M, Cell<T>>);
@@ -65,6 +113,7 @@ impl<M: RawMutex, T: Copy> Latest<M, T> {
 pub struct Channels<M: RawMutex> {
     commands: Channel<M, Command, COMMANDS>,
     pictures: Channel<M, Picture, PICTURES>,
+    presence: Presence<M>,
     /// The newest state of the controller.
     pub snapshot: Latest<M, Snapshot>,
     /// The newest reading of the slow sensors.
@@ -79,6 +128,7 @@ impl<M: RawMutex> Channels<M> {
         Self {
             commands: Channel::new(),
             pictures: Channel::new(),
+            presence: Presence::new(),
             snapshot: Latest::new(Snapshot::BOOT),
             sensors: Latest::new(Sensors::UNKNOWN),
             link: Latest::new(LinkCounters::default()),
@@ -94,8 +144,8 @@ impl<M: RawMutex> Default for Channels<M> {
 
 /// Runs the controller once every control period. Deadline: the period, 1 ms.
 pub async fn control<M: RawMutex>(
-    mut port: impl MotionPort,
-    mut controller: Controller,
+    port: &mut impl MotionPort,
+    controller: &mut Controller,
     channels: &Channels<M>,
 ) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(CONTROL_PERIOD_MS.into()));
@@ -112,21 +162,37 @@ pub async fn control<M: RawMutex>(
         );
         port.drive(&snapshot.outputs);
         channels.snapshot.set(snapshot);
+        channels.presence.check_in(Task::Control);
     }
 }
 
-/// Reads the slow sensors, one reading after the other.
-pub async fn sensors<M: RawMutex>(mut port: impl SensorPort, channels: &Channels<M>) -> ! {
+/// Calls `feed` whenever every task has checked in since it was last called. A task that hangs,
+/// on whatever executor, lets the watchdog starve; it must bear [`WATCHDOG_PERIOD`].
+pub async fn supervise<M: RawMutex>(mut feed: impl FnMut(), channels: &Channels<M>) -> ! {
+    loop {
+        Timer::after(CHECK_IN_PERIOD).await;
+        if channels.presence.take_if_all() {
+            feed();
+        }
+    }
+}
+
+/// Reads the slow sensors, one reading after the other. Deadline: a reading takes 100 ms at most.
+pub async fn sensors<M: RawMutex>(port: &mut impl SensorPort, channels: &Channels<M>) -> ! {
     loop {
         channels.sensors.set(port.read().await);
+        channels.presence.check_in(Task::Sensors);
     }
 }
 
 /// Shows what the host draws.
-pub async fn display<M: RawMutex>(mut port: impl LcdPort, channels: &Channels<M>) -> ! {
+pub async fn display<M: RawMutex>(port: &mut impl LcdPort, channels: &Channels<M>) -> ! {
     loop {
-        let picture = channels.pictures.receive().await;
-        port.show(picture.number, &picture.columns).await;
+        channels.presence.check_in(Task::Display);
+        let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
+        if let Ok(picture) = waited {
+            port.show(picture.number, &picture.columns).await;
+        }
     }
 }
 
@@ -137,9 +203,9 @@ pub async fn display<M: RawMutex>(mut port: impl LcdPort, channels: &Channels<M>
 /// A line that reports an error (an overrun, a framing error) or its end is counted, and used
 /// again after 1 ms.
 pub async fn link<M: RawMutex>(
-    mut rx: impl Read,
-    mut tx: impl Write,
-    session: Session,
+    rx: &mut impl Read,
+    tx: &mut impl Write,
+    session: &mut Session,
     channels: &Channels<M>,
 ) -> ! {
     let session = RefCell::new(session);
@@ -149,9 +215,10 @@ pub async fn link<M: RawMutex>(
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
-            let gives_up_at = session.borrow().gives_up_at().unwrap_or(Instant::MAX);
-            let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(gives_up_at)).await
-            {
+            channels.presence.check_in(Task::Receive);
+            let check_in_at = Instant::now() + CHECK_IN_PERIOD;
+            let until = session.borrow().gives_up_at().unwrap_or(Instant::MAX).min(check_in_at);
+            let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(until)).await {
                 Either::First(Ok(count)) if count > 0 => &buffer[..count],
                 Either::First(_) => {
                     session.borrow_mut().line_failed();
@@ -187,6 +254,7 @@ pub async fn link<M: RawMutex>(
     let transmit = async {
         let mut buffer = [0; Session::MAX_FRAME];
         loop {
+            channels.presence.check_in(Task::Transmit);
             let snapshot = channels.snapshot.get();
             let frame = session.borrow_mut().transmit(Instant::now(), &snapshot, &mut buffer);
             match frame {
@@ -198,7 +266,8 @@ pub async fn link<M: RawMutex>(
                     }
                 }
                 None => {
-                    let at = session.borrow().sends_at();
+                    let check_in_at = Instant::now() + CHECK_IN_PERIOD;
+                    let at = session.borrow().sends_at().min(check_in_at);
                     select(Timer::at(at), something_to_send.wait()).await;
                 }
             }

@@ -16,15 +16,19 @@
 //! | [`personality`] | sessions without I/O: how a controller of old presents itself |
 //! | [`settings`] | what an owner may choose |
 //! | [`app`] | the tasks, the only place where time passes |
+//! | `board` | pins, timers, DMA: for the target only, and alone in using `unsafe` |
 //!
 //! It builds for the Cortex-M4 and for a computer; a board, QEMU and the virtual board differ in
 //! their ports and their clock, in nothing else.
 #![cfg_attr(not(test), no_std)]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod fmt;
 
 pub mod app;
+#[cfg(all(target_os = "none", feature = "f407"))]
+#[allow(unsafe_code)] // registers and interrupt vectors; every block says why it may
+pub mod board;
 pub mod command;
 pub mod control;
 pub mod controller;

@@ -75,19 +75,19 @@ impl VirtualBoard {
         let line = Line::new(make.line_rate);
         let channels = Rc::new(Channels::new());
         let app = Box::pin({
-            let (rx, tx) = line.board_end();
-            let motion = Bench(plant.clone());
-            let sensors = SlowBench { plant: plant.clone(), started: false };
-            let lcd = Bench(plant.clone());
+            let (mut rx, mut tx) = line.board_end();
+            let mut motion = Bench(plant.clone());
+            let mut sensors = SlowBench { plant: plant.clone(), started: false };
+            let mut lcd = Bench(plant.clone());
             let channels = channels.clone();
             async move {
-                let controller = Controller::new(make.settings.control);
-                let session = Session::new(make.settings.link, Instant::now());
+                let mut controller = Controller::new(make.settings.control);
+                let mut session = Session::new(make.settings.link, Instant::now());
                 join4(
-                    app::control(motion, controller, &channels),
-                    app::sensors(sensors, &channels),
-                    app::display(lcd, &channels),
-                    app::link(rx, tx, session, &channels),
+                    app::control(&mut motion, &mut controller, &channels),
+                    app::sensors(&mut sensors, &channels),
+                    app::display(&mut lcd, &channels),
+                    app::link(&mut rx, &mut tx, &mut session, &channels),
                 )
                 .await;
             }

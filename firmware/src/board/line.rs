@@ -1,0 +1,266 @@
+//! The host's line: USART2, 115200 8N1, `embedded_io_async`'s `Read` and `Write`.
+//!
+//! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at every
+//! [`LOOK_PERIOD`]. embassy's own receivers are not used, because each of their looks reads the
+//! data register, and a byte that arrives at that moment is lost to the DMA. What is lost or
+//! damaged all the same is an error once, which the session counts; reading goes on after it.
+//! Sending is DMA by embassy's transmitter, which touches only the transmit side.
+//!
+//! QEMU 7.2 has neither the DMA nor transmit interrupts: under the feature `qemu` an interrupt per
+//! byte fills a pipe, and sending is polled.
+
+#[cfg(not(feature = "qemu"))]
+pub use real::{Receiver, Sender, new};
+#[cfg(feature = "qemu")]
+pub use under_qemu::{Receiver, Sender, new};
+
+use embassy_stm32::Peri;
+use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, PA2, PA3, USART2};
+
+/// Room for what arrives while the link's task is held up: 256 bytes take 22 ms at 115200 baud;
+/// the longest hold-up is a picture's 2 ms on the display.
+const RING: usize = 256;
+
+/// What the line is made of. The compiler checks each pin and stream against the chip.
+pub struct Parts {
+    /// The UART.
+    pub usart: Peri<'static, USART2>,
+    /// From the host.
+    pub rx: Peri<'static, PA3>,
+    /// To the host.
+    pub tx: Peri<'static, PA2>,
+    /// Fills the ring.
+    pub rx_dma: Peri<'static, DMA1_CH5>,
+    /// Sends.
+    pub tx_dma: Peri<'static, DMA1_CH6>,
+}
+
+#[cfg(not(feature = "qemu"))]
+mod real {
+    use core::sync::atomic::{AtomicU8, Ordering};
+
+    use embassy_stm32::mode::Async;
+    use embassy_stm32::pac::dma::vals::{Dir, Size};
+    use embassy_stm32::pac::{self, DMA1};
+    use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USART2};
+    use embassy_stm32::usart::{Config, RxDma, Uart, UartRx, UartTx};
+    use embassy_stm32::{bind_interrupts, dma, usart};
+    use embassy_time::{Duration, Timer};
+    use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
+
+    use super::super::dma::{Round, came_round, clear_flags};
+    use super::{Parts, RING};
+
+    bind_interrupts!(struct Irqs {
+        USART2 => usart::InterruptHandler<USART2>;
+        DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+        DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+    });
+
+    /// The ring is looked at this often. It bounds the answer's delay, and costs some 0.2 % of the
+    /// processor.
+    const LOOK_PERIOD: Duration = Duration::from_millis(1);
+
+    /// The stream that fills the ring.
+    const STREAM: usize = 5;
+
+    /// Written by the DMA.
+    static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
+
+    /// Both halves of the line, receiving.
+    pub fn new(parts: Parts) -> (Receiver, Sender) {
+        let request = RxDma::<USART2>::request(&*parts.rx_dma);
+        let Parts { usart, rx, tx, rx_dma, tx_dma } = parts;
+        // 115200 8N1 are embassy's defaults, which this clock can make.
+        let uart = Uart::new(usart, rx, tx, tx_dma, rx_dma, Irqs, Config::default());
+        let (tx, rx) = defmt::unwrap!(uart).split();
+        let ring = Round {
+            dma: DMA1,
+            stream: STREAM,
+            request,
+            direction: Dir::PERIPHERAL_TO_MEMORY,
+            width: Size::BITS8,
+            register: pac::USART2.dr().as_ptr() as u32, // addresses: 32 bits
+            memory: BYTES.as_ptr() as u32,
+            items: RING as u16,
+        };
+        // SAFETY: BYTES is a static of RING atomic bytes; the stream is ours through `_uart`.
+        unsafe { ring.start() };
+        pac::USART2.cr3().modify(|w| w.set_dmar(true));
+        (Receiver { tail: 0, damaged: false, _uart: rx }, Sender(tx))
+    }
+
+    /// What can happen to what the host sends.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+    pub enum LineError {
+        /// The ring was full: what was in it is dropped.
+        Overrun,
+        /// Noise, a framing error, or a byte that the DMA was too late for.
+        Damaged,
+    }
+
+    impl core::fmt::Display for LineError {
+        fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+            f.write_str(match self {
+                Self::Overrun => "receive ring overrun",
+                Self::Damaged => "line damaged",
+            })
+        }
+    }
+
+    impl core::error::Error for LineError {}
+
+    impl Error for LineError {
+        fn kind(&self) -> ErrorKind {
+            ErrorKind::Other
+        }
+    }
+
+    /// The receiving half.
+    pub struct Receiver {
+        /// Where the next byte is read.
+        tail: usize,
+        /// The error flags stand, and have been reported.
+        damaged: bool,
+        /// Owns the pin, the UART and the stream.
+        _uart: UartRx<'static, Async>,
+    }
+
+    impl Receiver {
+        /// Takes what has arrived.
+        fn take(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
+            // Reading the status alone clears nothing; the DMA's next reading of the data does.
+            let status = pac::USART2.sr().read();
+            let damaged = status.fe() || status.ne() || status.ore();
+            if damaged && !core::mem::replace(&mut self.damaged, damaged) {
+                return Err(LineError::Damaged);
+            }
+            self.damaged = damaged;
+            // The flag first: if the DMA comes round in between, the flag stays for the next look,
+            // which then finds the head behind the tail.
+            let came_round = came_round(DMA1, STREAM);
+            let head = (RING - usize::from(DMA1.st(STREAM).ndtr().read().ndt())) % RING;
+            if head < self.tail {
+                clear_flags(DMA1, STREAM);
+            } else if came_round {
+                clear_flags(DMA1, STREAM);
+                self.tail = head;
+                return Err(LineError::Overrun);
+            }
+            let mut count = 0;
+            for byte in buffer {
+                if self.tail == head {
+                    break;
+                }
+                *byte = BYTES[self.tail].load(Ordering::Relaxed);
+                self.tail = (self.tail + 1) % RING;
+                count += 1;
+            }
+            Ok(count)
+        }
+    }
+
+    impl ErrorType for Receiver {
+        type Error = LineError;
+    }
+
+    impl Read for Receiver {
+        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
+            loop {
+                match self.take(buffer)? {
+                    0 => Timer::after(LOOK_PERIOD).await,
+                    count => return Ok(count),
+                }
+            }
+        }
+    }
+
+    /// The sending half.
+    pub struct Sender(UartTx<'static, Async>);
+
+    impl ErrorType for Sender {
+        type Error = usart::Error;
+    }
+
+    impl Write for Sender {
+        async fn write(&mut self, frame: &[u8]) -> Result<usize, usart::Error> {
+            self.0.write(frame).await?;
+            Ok(frame.len())
+        }
+
+        async fn flush(&mut self) -> Result<(), usart::Error> {
+            self.0.flush().await
+        }
+    }
+}
+
+#[cfg(feature = "qemu")]
+mod under_qemu {
+    use core::convert::Infallible;
+
+    use embassy_stm32::interrupt;
+    use embassy_stm32::interrupt::InterruptExt;
+    use embassy_stm32::mode::Blocking;
+    use embassy_stm32::pac;
+    use embassy_stm32::usart::{self, Config, Uart, UartRx, UartTx};
+    use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+    use embassy_sync::pipe::Pipe;
+    use embedded_io_async::{ErrorType, Read, Write};
+
+    use super::{Parts, RING};
+
+    static BYTES: Pipe<CriticalSectionRawMutex, RING> = Pipe::new();
+
+    #[interrupt]
+    fn USART2() {
+        while pac::USART2.sr().read().rxne() {
+            let byte = pac::USART2.dr().read().dr() as u8; // 8 data bits
+            if BYTES.try_write(&[byte]).is_err() {
+                defmt::warn!("receive ring overrun");
+            }
+        }
+    }
+
+    /// Both halves of the line, receiving.
+    pub fn new(parts: Parts) -> (Receiver, Sender) {
+        let uart = Uart::new_blocking(parts.usart, parts.rx, parts.tx, Config::default());
+        let (tx, rx) = defmt::unwrap!(uart).split();
+        pac::USART2.cr1().modify(|w| w.set_rxneie(true));
+        // SAFETY: the handler above touches nothing but the receive side and its pipe.
+        unsafe { interrupt::USART2.enable() };
+        (Receiver { _uart: rx }, Sender(tx))
+    }
+
+    /// The receiving half.
+    pub struct Receiver {
+        _uart: UartRx<'static, Blocking>,
+    }
+
+    impl ErrorType for Receiver {
+        type Error = Infallible;
+    }
+
+    impl Read for Receiver {
+        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+            Ok(BYTES.read(buffer).await)
+        }
+    }
+
+    /// The sending half.
+    pub struct Sender(UartTx<'static, Blocking>);
+
+    impl ErrorType for Sender {
+        type Error = usart::Error;
+    }
+
+    impl Write for Sender {
+        async fn write(&mut self, frame: &[u8]) -> Result<usize, usart::Error> {
+            self.0.blocking_write(frame)?;
+            Ok(frame.len())
+        }
+
+        async fn flush(&mut self) -> Result<(), usart::Error> {
+            self.0.blocking_flush()
+        }
+    }
+}

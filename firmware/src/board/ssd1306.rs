@@ -1,0 +1,99 @@
+//! A 128 x 64 display with an SSD1306 over I2C, in place of the original's LCD.
+//!
+//! Its pages are laid out as the protocol's frames: 8 rows, one byte a column, the least
+//! significant bit on top. So a frame is three address bytes and one write of 64 bytes; there is
+//! no frame buffer. (SSD1306 datasheet 1.1, section 9.)
+
+use embassy_stm32::i2c::{Error, I2c, Master};
+use embassy_stm32::mode::Blocking;
+use embassy_time::Timer;
+
+use crate::ports::LcdPort;
+
+/// The usual address, SA0 low.
+const ADDRESS: u8 = 0x3C;
+/// Control bytes: what follows is commands, or data.
+const COMMANDS: u8 = 0x00;
+const DATA: u8 = 0x40;
+const PAGES: u8 = 8;
+
+/// The sequence of the datasheet's application note with the charge pump on, page addressing
+/// mode, and the panel turned so that the connector is on top.
+const SET_UP: [u8; 25] = [
+    COMMANDS, 0xAE, // display off
+    0xD5, 0x80, // oscillator
+    0xA8, 0x3F, // 64 rows
+    0xD3, 0x00, // no offset
+    0x40, // start line 0
+    0x8D, 0x14, // charge pump on
+    0x20, 0x02, // page addressing mode
+    0xA1, 0xC8, // columns and rows turned
+    0xDA, 0x12, // alternate COM pins
+    0x81, 0x7F, // contrast
+    0xD9, 0xF1, // precharge
+    0xA4, 0xA6, // show the memory, not inverted
+    0x2E, // no scrolling
+    0xAF, // display on
+];
+
+/// The display. One that does not answer is set up again at the next frame.
+pub struct Ssd1306 {
+    bus: I2c<'static, Blocking, Master>,
+    ready: bool,
+}
+
+impl Ssd1306 {
+    /// A display that has not been spoken to yet.
+    ///
+    /// The bus is polled: at 400 kHz one call keeps the thread executor busy for 0.4 ms. Its
+    /// time-out must be short, for a bus without pull-ups.
+    pub const fn new(bus: I2c<'static, Blocking, Master>) -> Self {
+        Self { bus, ready: false }
+    }
+
+    /// Sets the display up and clears it, in 30 ms: before there are pictures, or the first would
+    /// be dropped. A display that is not there yet keeps what its memory holds when it comes.
+    pub async fn begin(&mut self) {
+        if self.set_up().is_err() {
+            return;
+        }
+        for number in 0..2 * PAGES {
+            self.show(number, &[0; 64]).await;
+        }
+    }
+
+    fn set_up(&mut self) -> Result<(), Error> {
+        self.bus.blocking_write(ADDRESS, &SET_UP)?;
+        self.ready = true;
+        Ok(())
+    }
+
+    async fn write(&mut self, number: u8, columns: &[u8; 64]) -> Result<(), Error> {
+        let page = number / 2 % PAGES;
+        let column = (number % 2) * 64;
+        let place = [COMMANDS, 0xB0 | page, column & 0xF, 0x10 | column >> 4];
+        self.bus.blocking_write(ADDRESS, &place)?;
+        for part in columns.chunks(16) {
+            let mut bytes = [DATA; 17];
+            for (to, from) in bytes.iter_mut().skip(1).zip(part) {
+                *to = *from;
+            }
+            self.bus.blocking_write(ADDRESS, &bytes)?;
+            // Lets the link's task in between.
+            Timer::after_ticks(0).await;
+        }
+        Ok(())
+    }
+}
+
+impl LcdPort for Ssd1306 {
+    async fn show(&mut self, number: u8, columns: &[u8; 64]) {
+        if !self.ready {
+            self.ready = self.set_up().is_ok();
+        }
+        if self.ready && self.write(number, columns).await.is_err() {
+            self.ready = false;
+            defmt::warn!("the display does not answer");
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! QEMU's netduinoplus2 (an STM32F405, the F407's die) with the image that the board gets.
+//!
+//! The machine does not model the ready bits that the start of the clocks waits for. Watchpoints
+//! on those five registers stop it before every access; we step over it, remember what is written,
+//! and put the hardware's answer into the register that a load has loaded. When no access has come for a
+//! while, the image is through, and the watchpoints go.
+//!
+//! What the machine lacks altogether (TIM1, TIM8, TIM12, GPIO, I2C, DMA, the watchdog) it logs by
+//! name, offset and value. That log is what the tests read.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+use protocol::pms5005::{self, Frame, Receiver, Report};
+
+use crate::gdb::{Gdb, PC};
+
+/// The version whose machine and whose log these tests know. In newer ones (10.0) a model of RCC
+/// aborts when the image resets an APB2 peripheral.
+const VERSION: &str = "version 7.2";
+
+/// Polled registers: address, value after reset, and what a load answers after a store.
+type Ready = (u32, u32, fn(u32) -> u32);
+const READY: [Ready; 5] = [
+    // RCC_CR: HSIRDY, HSERDY, PLLRDY and PLLI2SRDY follow their ON bits at once.
+    (0x4002_3800, 0x83, |w| {
+        w & !0x0A02_0002
+            | (w & 1) << 1
+            | (w & 1 << 16) << 1
+            | (w & 1 << 24) << 1
+            | (w & 1 << 26) << 1
+    }),
+    (0x4002_3808, 0, |w| w & !0xC | (w & 3) << 2), // RCC_CFGR: SWS is SW
+    (0x4002_3874, 0, |w| w & !2 | (w & 1) << 1),   // RCC_CSR: LSIRDY is LSION
+    (0x4000_7000, 0, |w| w),                       // PWR_CR: DBP reads back
+    (0x4002_3C00, 0, |w| w),                       // FLASH_ACR: LATENCY reads back
+];
+
+/// A running machine. It ends when it is dropped.
+pub struct Machine {
+    qemu: Child,
+    gdb: Gdb,
+    uart: UnixStream,
+    /// What the image has sent. QEMU's UART stops the whole machine while its socket is full, and
+    /// some 300 single bytes fill it, so a thread reads it at all times.
+    from_image: mpsc::Receiver<u8>,
+    receiver: Receiver,
+    log: File,
+    /// The part of the log that has been read, from the last [`Machine::forget`].
+    seen: String,
+    folder: PathBuf,
+}
+
+/// The image for QEMU, from the script that builds all images.
+pub fn image() -> PathBuf {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/images/pms5005-qemu.elf");
+    assert!(path.exists(), "{} is missing: run .ci/images", path.display());
+    path
+}
+
+impl Machine {
+    /// Boots the image. `name` is the test's.
+    ///
+    /// # Panics
+    /// If QEMU is missing or of another version, or the image does not come through.
+    pub fn boot(name: &str) -> Self {
+        let version = Command::new("qemu-system-arm").arg("--version").output();
+        let version = version.expect("qemu-system-arm is needed (Debian package qemu-system-arm)");
+        let version = String::from_utf8_lossy(&version.stdout).into_owned();
+        let first = version.lines().next().unwrap_or_default();
+        assert!(version.contains(VERSION), "these tests need QEMU {VERSION}, not {first}");
+
+        let folder = std::env::temp_dir().join(format!("pms5005-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let at = |name: &str| folder.join(name);
+        let socket =
+            |id: &str| format!("socket,id={id},path={},server=on,wait=off", at(id).display());
+        let qemu = Command::new("qemu-system-arm")
+            .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-S"])
+            .args(["-chardev", &socket("gdb"), "-gdb", "chardev:gdb"])
+            .args(["-serial", "null", "-chardev", &socket("uart"), "-serial", "chardev:uart"])
+            .args(["-d", "unimp,guest_errors", "-D"])
+            .arg(at("log"))
+            .arg("-kernel")
+            .arg(image())
+            .stdin(Stdio::null())
+            .spawn()
+            .unwrap();
+        let uart = connect(&at("uart"));
+        let (sender, from_image) = mpsc::channel();
+        let mut reader = uart.try_clone().unwrap();
+        std::thread::spawn(move || {
+            let mut buffer = [0; 256];
+            while let Ok(count @ 1..) = reader.read(&mut buffer) {
+                for &byte in &buffer[..count] {
+                    let _ = sender.send(byte); // nobody listens at the end of a test
+                }
+            }
+        });
+        let mut machine = Self {
+            qemu,
+            gdb: Gdb::new(connect(&at("gdb"))),
+            uart,
+            from_image,
+            receiver: Receiver::new(),
+            log: File::open(at("log")).unwrap(),
+            seen: String::new(),
+            folder,
+        };
+        machine.answer_ready_bits();
+        machine
+    }
+
+    fn answer_ready_bits(&mut self) {
+        let mut written = READY.map(|(_, reset, _)| reset);
+        for (address, ..) in READY {
+            self.gdb.watch(address, true);
+        }
+        let mut stops = 0;
+        loop {
+            self.gdb.run();
+            // The slowest step of the start between two accesses takes microseconds.
+            if !self.gdb.stops_within(Duration::from_millis(500)) {
+                break;
+            }
+            stops += 1;
+            assert!(stops < 200, "the image polls something that it never gets");
+            // It stands before the access, and would stop there again.
+            let (is_load, register, address) = self.access();
+            let k = READY.iter().position(|&(a, ..)| a == address).expect("a watched register");
+            self.gdb.watch(address, false);
+            self.gdb.step();
+            self.gdb.watch(address, true);
+            if is_load {
+                self.gdb.set_register(register, READY[k].2(written[k]));
+            } else {
+                written[k] = self.gdb.register(register);
+            }
+        }
+        assert!(stops > 0, "the image has not started its clocks");
+        self.gdb.stop();
+        for (address, ..) in READY {
+            self.gdb.watch(address, false);
+        }
+        self.gdb.run();
+    }
+
+    /// The load or store before which the machine stands: whether a load, the data's register, the
+    /// address. Thumb LDR and STR with an immediate offset, 16 and 32 bits (ARMv7-M ARM A7.7).
+    fn access(&mut self) -> (bool, u8, u32) {
+        let pc = self.gdb.register(PC);
+        let words = [pc & !3, (pc & !3) + 4].map(|address| u64::from(self.gdb.word(address)));
+        let code = (words[0] | words[1] << 32) >> (8 * (pc & 2));
+        let (first, second) = ((code & 0xFFFF) as u32, (code >> 16 & 0xFFFF) as u32); // 16 bits
+        let register = |bits: u32| (bits & 0xF) as u8; // four bits
+        if matches!(first & 0xFFF0, 0xF8D0 | 0xF8C0) {
+            let base = self.gdb.register(register(first));
+            return (first & 0x10 != 0, register(second >> 12), base + (second & 0xFFF));
+        }
+        if first & 0xF000 == 0x6000 {
+            let base = self.gdb.register(register(first >> 3 & 7));
+            return (first & 0x800 != 0, register(first & 7), base + (first >> 6 & 31) * 4);
+        }
+        panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
+    }
+
+    /// Sends a command of the host.
+    pub fn send(&mut self, command: pms5005::Command<'_>) {
+        let mut buffer = [0; 264];
+        let frame = command.encode(0, &mut buffer).unwrap();
+        self.uart.write_all(frame).unwrap();
+    }
+
+    /// Waits for a frame: its DID and DATA, and whether it is telemetry.
+    pub fn frame(&mut self) -> (u8, Vec<u8>, bool) {
+        let deadline = Instant::now() + Duration::from_secs(5);
+        while let Ok(byte) = self.from_image.recv_timeout(deadline - Instant::now()) {
+            if let Some(frame) = self.receiver.receive(&mut &[byte][..]) {
+                let Frame { res, did, data, .. } = Frame::parse(frame).unwrap();
+                return (did, data.to_vec(), res == 255);
+            }
+        }
+        panic!("the image says nothing for 5 s; its log:\n{}", self.log_tail(""));
+    }
+
+    /// Waits for telemetry of which `wanted` makes something.
+    pub fn report<T>(&mut self, mut wanted: impl FnMut(&Report) -> Option<T>) -> T {
+        for _ in 0..100 {
+            let (did, data, telemetry) = self.frame();
+            let report = telemetry.then(|| Report::parse(did, &data)).flatten();
+            if let Some(found) = report.as_ref().and_then(&mut wanted) {
+                return found;
+            }
+        }
+        panic!("100 frames, and not the report that was wanted");
+    }
+
+    /// Sends a command and waits for its acknowledgement.
+    pub fn order(&mut self, command: pms5005::Command<'_>) {
+        self.send(command);
+        for _ in 0..100 {
+            if self.frame() == (255, vec![1], false) {
+                return;
+            }
+        }
+        panic!("100 frames, and no acknowledgement");
+    }
+
+    /// The log since the last [`forget`](Self::forget).
+    fn log(&mut self) -> &str {
+        let mut new = Vec::new();
+        self.log.read_to_end(&mut new).unwrap();
+        self.seen.push_str(&String::from_utf8_lossy(&new));
+        &self.seen
+    }
+
+    /// Looks only at what is logged from now on.
+    pub fn forget(&mut self) {
+        self.log.seek(SeekFrom::End(0)).unwrap();
+        self.seen.clear();
+    }
+
+    /// Waits for a device's register to be written with a value, and says how far into the log.
+    pub fn written(&mut self, device: &str, offset: u32, value: u32) -> usize {
+        let line = format!(
+            "{device}: unimplemented device write (size 4, offset {offset:#05x}, value {value:#010x})"
+        );
+        let deadline = Instant::now() + Duration::from_secs(3);
+        while Instant::now() < deadline {
+            if let Some(at) = self.log().find(&line) {
+                return at;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("never logged: {line}\nwrites:\n{}", self.log_tail("write"));
+    }
+
+    /// The last lines of the log with something in them.
+    fn log_tail(&mut self, with: &str) -> String {
+        let lines: Vec<_> = self.log().lines().filter(|line| line.contains(with)).collect();
+        lines[lines.len().saturating_sub(40)..].join("\n")
+    }
+
+    /// Whether a device's register has been written since the last [`forget`](Self::forget).
+    pub fn is_written(&mut self, device: &str, offset: u32) -> bool {
+        let begin = format!("{device}: unimplemented device write (size 4, offset {offset:#05x},");
+        self.log().contains(&begin)
+    }
+
+    /// With the machine stopped in between.
+    pub fn stopped<T>(&mut self, act: impl FnOnce(&mut Gdb) -> T) -> T {
+        self.gdb.stop();
+        let result = act(&mut self.gdb);
+        self.gdb.run();
+        result
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        let _ = self.qemu.kill();
+        let _ = self.qemu.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// QEMU makes its sockets a moment after its start.
+fn connect(path: &Path) -> UnixStream {
+    for _ in 0..250 {
+        if let Ok(stream) = UnixStream::connect(path) {
+            return stream;
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    panic!("QEMU offers no {}", path.display());
+}
