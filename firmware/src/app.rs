@@ -47,7 +47,7 @@ const CHUNK: usize = 64;
 /// two waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
 const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
 /// How long a watchdog must bear without food: a task's longest silence is one
-/// [`CHECK_IN_PERIOD`] and one turn of work, [`supervise`] looks as often, and twice that is to
+/// check-in period (50 ms) and one turn of work, [`supervise`] looks as often, and twice that is to
 /// spare.
 pub const WATCHDOG_PERIOD: Duration = Duration::from_millis(500);
 

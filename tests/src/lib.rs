@@ -5,7 +5,9 @@
 //! - `tests/session.rs`: acknowledgements, telemetry, a saturated line;
 //! - `tests/control.rs`: the loops against the simulated motors, with bounds on both sides;
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/refusals.rs`: what is not done;
-//! - `tests/same_bits.rs`: one digest of the controller for every machine.
+//! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
+//! - `tests/same_bits.rs`: one digest of the controller for every machine;
+//! - `tests/qemu/`: the image of the STM32F407 in QEMU.
 
 use embassy_time::{Duration, Instant};
 use hal_mock::board::{Make, VirtualBoard};
