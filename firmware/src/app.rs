@@ -197,8 +197,8 @@ pub async fn display<M: RawMutex>(port: &mut impl LcdPort, channels: &Channels<M
 }
 
 /// Talks to the host. One `write` is one frame, and takes at least a byte of it; a `read` that is
-/// dropped before it is done must not lose what has arrived. Deadline: the buffer below `rx` must hold what
-/// arrives while a command waits for the next control period (1 ms), or after an error.
+/// dropped before it is done must not lose what has arrived. Deadline: the buffer below `rx` must
+/// hold what arrives while a command waits for the next control period (1 ms), or after an error.
 ///
 /// A line that reports an error (an overrun, a framing error) or its end is counted, and used
 /// again after 1 ms.

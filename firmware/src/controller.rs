@@ -189,10 +189,16 @@ impl Controller {
 
     /// Where a channel is, by the sensor that it uses.
     fn reading(&self, channel: Channel) -> Reading {
-        match self.axes[channel.index()].sensor() {
-            Sensor::Encoder => self.encoders.get(channel.index()).map(|s| s.reading),
-            _ => self.angles.get(channel.index()).map(|s| s.reading),
+        self.reading_by(channel, self.axes[channel.index()].sensor())
+    }
+
+    /// Where a channel is, by this sensor.
+    fn reading_by(&self, channel: Channel, sensor: Sensor) -> Reading {
+        match sensor {
+            Sensor::Encoder => self.encoders.get(channel.index()),
+            _ => self.angles.get(channel.index()),
         }
+        .map(|shaft| shaft.reading)
         .unwrap_or_default()
     }
 
@@ -305,11 +311,15 @@ impl Controller {
             for (control_loop, gains) in
                 [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
             {
-                let mut host_gains = axis.gains(control_loop);
+                let before = axis.gains(control_loop);
+                let mut after = before;
                 for gain in gains.iter() {
-                    host_gains.set(gain, self.settings.ki_reading);
+                    after.set(gain, self.settings.ki_reading);
                 }
-                axis.set_gains(control_loop, host_gains);
+                // Scaling divides: not for the channels that a frame leaves alone.
+                if after != before {
+                    axis.set_gains(control_loop, after);
+                }
             }
             if let Some(polarity) = changes.polarity {
                 axis.set_polarity(polarity, reading);
@@ -337,10 +347,7 @@ impl Controller {
                 self.angles[i].update(angle, scale(sensor));
             }
         }
-        let reading = match sensor {
-            Sensor::Encoder => self.encoders.get(i).map(|s| s.reading).unwrap_or_default(),
-            _ => self.angles[i].reading,
-        };
+        let reading = self.reading_by(channel, sensor);
         self.axes[i].set_sensor(sensor, chosen, reading);
         self.axes[i].set_full_speed(match sensor {
             Sensor::Encoder => self.settings.full_speed_encoder,

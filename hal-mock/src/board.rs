@@ -122,6 +122,12 @@ impl VirtualBoard {
         self.channels.snapshot.get()
     }
 
+    /// Frames and commands refused so far: by the session for what they say, by the controller for
+    /// what they would do.
+    pub fn refused(&self) -> u32 {
+        self.link().refused.wrapping_add(self.snapshot().counters.refused)
+    }
+
     /// The link's counters.
     pub fn link(&self) -> LinkCounters {
         self.channels.link.get()

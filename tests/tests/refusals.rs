@@ -6,13 +6,11 @@ use tests::Bench;
 
 /// Runs a bad frame and shows that it was acknowledged, counted, and did nothing.
 fn refused(bench: &mut Bench, did: u8, data: &[u8]) {
-    let refusals =
-        |bench: &Bench| bench.board.link().refused + bench.board.snapshot().counters.refused;
-    let before = (bench.board.plant.borrow().outputs, refusals(bench));
+    let before = (bench.board.plant.borrow().outputs, bench.board.refused());
     bench.send_raw(did, data);
     bench.run_ms(40);
     assert_eq!(bench.acks(), 1, "{did} {data:?} arrived intact");
-    let after = (bench.board.plant.borrow().outputs, refusals(bench));
+    let after = (bench.board.plant.borrow().outputs, bench.board.refused());
     assert_eq!(after, (before.0, before.1 + 1), "{did} {data:?}");
 }
 

@@ -264,7 +264,7 @@ impl State {
                 bad_frames: link.bad_frames,
                 bytes_skipped: link.bytes_skipped,
                 acks_sent: link.acks_sent,
-                refused: link.refused.wrapping_add(snapshot.counters.refused),
+                refused: board.refused(),
                 unknown: link.unknown,
                 not_for_us: link.not_for_us,
                 telemetry_sent: link.telemetry_sent,

@@ -64,7 +64,7 @@ fn line(board: &VirtualBoard, links: &Links, now: u64) -> String {
         link.bad_frames,
         link.acks_sent,
         link.telemetry_sent,
-        link.refused.wrapping_add(board.snapshot().counters.refused),
+        board.refused(),
     );
     if board.snapshot().link_loss {
         text.push_str(" LINK-LOSS");
@@ -109,7 +109,7 @@ fn panel(board: &VirtualBoard, links: &Links, now: u64) -> String {
         "frames {} bad {} refused {}  acks {}  telemetry {}  out {:08b}",
         link.frames_ok,
         link.bad_frames,
-        link.refused.wrapping_add(board.snapshot().counters.refused),
+        board.refused(),
         link.acks_sent,
         link.telemetry_sent,
         plant.outputs.gpio,
