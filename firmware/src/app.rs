@@ -30,7 +30,7 @@ use embedded_io_async::{Read, Write};
 
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
-use crate::personality::pms5005::{LinkCounters, Picture, Request, Session};
+use crate::personality::{MAX_FRAME, Picture, Request, Session};
 use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors};
 use crate::units::CONTROL_PERIOD_MS;
 
@@ -109,8 +109,8 @@ impl<M: RawMutex, T: Copy> Latest<M, T> {
     }
 }
 
-/// What the tasks share: bounded, made once by `main`.
-pub struct Channels<M: RawMutex> {
+/// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
+pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     pictures: Channel<M, Picture, PICTURES>,
     presence: Presence<M>,
@@ -118,11 +118,13 @@ pub struct Channels<M: RawMutex> {
     pub snapshot: Latest<M, Snapshot>,
     /// The newest reading of the slow sensors.
     pub sensors: Latest<M, Sensors>,
-    /// The link's counters.
-    pub link: Latest<M, LinkCounters>,
+    /// What the session has counted.
+    pub link: Latest<M, C>,
+    /// The host's signs of life: [`Session::signs_of_life`].
+    signs_of_life: Latest<M, u32>,
 }
 
-impl<M: RawMutex> Channels<M> {
+impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
     /// Empty channels.
     pub fn new() -> Self {
         Self {
@@ -131,22 +133,23 @@ impl<M: RawMutex> Channels<M> {
             presence: Presence::new(),
             snapshot: Latest::new(Snapshot::BOOT),
             sensors: Latest::new(Sensors::UNKNOWN),
-            link: Latest::new(LinkCounters::default()),
+            link: Latest::new(C::default()),
+            signs_of_life: Latest::new(0),
         }
     }
 }
 
-impl<M: RawMutex> Default for Channels<M> {
+impl<M: RawMutex, C: Copy + Default> Default for Channels<M, C> {
     fn default() -> Self {
         Self::new()
     }
 }
 
 /// Runs the controller once every control period. Deadline: the period, 1 ms.
-pub async fn control<M: RawMutex>(
+pub async fn control<M: RawMutex, C: Copy>(
     port: &mut impl MotionPort,
     controller: &mut Controller,
-    channels: &Channels<M>,
+    channels: &Channels<M, C>,
 ) -> ! {
     let mut ticker = Ticker::every(Duration::from_millis(CONTROL_PERIOD_MS.into()));
     loop {
@@ -158,7 +161,7 @@ pub async fn control<M: RawMutex>(
             commands.take(COMMANDS),
             &motion,
             &channels.sensors.get(),
-            channels.link.get().frames_for_us,
+            channels.signs_of_life.get(),
         );
         port.drive(&snapshot.outputs);
         channels.snapshot.set(snapshot);
@@ -168,7 +171,10 @@ pub async fn control<M: RawMutex>(
 
 /// Calls `feed` whenever every task has checked in since it was last called. A task that hangs,
 /// on whatever executor, lets the watchdog starve; it must bear [`WATCHDOG_PERIOD`].
-pub async fn supervise<M: RawMutex>(mut feed: impl FnMut(), channels: &Channels<M>) -> ! {
+pub async fn supervise<M: RawMutex, C: Copy>(
+    mut feed: impl FnMut(),
+    channels: &Channels<M, C>,
+) -> ! {
     loop {
         Timer::after(CHECK_IN_PERIOD).await;
         if channels.presence.take_if_all() {
@@ -178,7 +184,10 @@ pub async fn supervise<M: RawMutex>(mut feed: impl FnMut(), channels: &Channels<
 }
 
 /// Reads the slow sensors, one reading after the other. Deadline: a reading takes 100 ms at most.
-pub async fn sensors<M: RawMutex>(port: &mut impl SensorPort, channels: &Channels<M>) -> ! {
+pub async fn sensors<M: RawMutex, C: Copy>(
+    port: &mut impl SensorPort,
+    channels: &Channels<M, C>,
+) -> ! {
     loop {
         channels.sensors.set(port.read().await);
         channels.presence.check_in(Task::Sensors);
@@ -186,7 +195,10 @@ pub async fn sensors<M: RawMutex>(port: &mut impl SensorPort, channels: &Channel
 }
 
 /// Shows what the host draws.
-pub async fn display<M: RawMutex>(port: &mut impl LcdPort, channels: &Channels<M>) -> ! {
+pub async fn display<M: RawMutex, C: Copy>(
+    port: &mut impl LcdPort,
+    channels: &Channels<M, C>,
+) -> ! {
     loop {
         channels.presence.check_in(Task::Display);
         let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
@@ -202,22 +214,26 @@ pub async fn display<M: RawMutex>(port: &mut impl LcdPort, channels: &Channels<M
 ///
 /// A line that reports an error (an overrun, a framing error) or its end is counted, and used
 /// again after 1 ms.
-pub async fn link<M: RawMutex>(
+pub async fn link<M: RawMutex, S: Session>(
     rx: &mut impl Read,
     tx: &mut impl Write,
-    session: &mut Session,
-    channels: &Channels<M>,
+    session: &mut S,
+    channels: &Channels<M, S::Counters>,
 ) -> ! {
     let session = RefCell::new(session);
     let something_to_send = Signal::<NoopRawMutex, ()>::new();
-    let publish = || channels.link.set(session.borrow().counters());
+    let publish = || {
+        let session = session.borrow();
+        channels.link.set(session.counters());
+        channels.signs_of_life.set(session.signs_of_life());
+    };
 
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
             channels.presence.check_in(Task::Receive);
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
-            let until = session.borrow().gives_up_at().unwrap_or(Instant::MAX).min(check_in_at);
+            let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
             let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(until)).await {
                 Either::First(Ok(count)) if count > 0 => &buffer[..count],
                 Either::First(_) => {
@@ -231,7 +247,11 @@ pub async fn link<M: RawMutex>(
                 let now = Instant::now();
                 let request = {
                     let mut session = session.borrow_mut();
-                    session.receive(&mut bytes, now).or_else(|| session.give_up(now))
+                    session.receive(&mut bytes, now).or_else(|| {
+                        // A snapshot is only copied for a session that has its time.
+                        session.wakes_at().filter(|&at| at <= now)?;
+                        session.advance(now, &channels.snapshot.get())
+                    })
                 };
                 publish();
                 match request {
@@ -252,7 +272,7 @@ pub async fn link<M: RawMutex>(
     };
 
     let transmit = async {
-        let mut buffer = [0; Session::MAX_FRAME];
+        let mut buffer = [0; MAX_FRAME];
         loop {
             channels.presence.check_in(Task::Transmit);
             let snapshot = channels.snapshot.get();

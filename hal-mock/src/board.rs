@@ -24,7 +24,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use firmware::app::{self, Channels};
 use firmware::controller::{Controller, Snapshot};
-use firmware::personality::pms5005::{LinkCounters, Session};
+use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
 use firmware::settings::Settings;
 
@@ -60,7 +60,7 @@ pub struct VirtualBoard {
     app: Pin<Box<dyn Future<Output = ()>>>,
     woken: Arc<Woken>,
     waker: Waker,
-    channels: Rc<Channels<NoopRawMutex>>,
+    channels: Rc<Channels<NoopRawMutex, LinkCounters>>,
     /// The world around the board.
     pub plant: Rc<RefCell<Plant>>,
     /// The line to the host.
@@ -82,7 +82,7 @@ impl VirtualBoard {
             let channels = channels.clone();
             async move {
                 let mut controller = Controller::new(make.settings.control);
-                let mut session = Session::new(make.settings.link, Instant::now());
+                let mut session = Pms5005::new(make.settings.link, Instant::now());
                 join4(
                     app::control(&mut motion, &mut controller, &channels),
                     app::sensors(&mut sensors, &channels),

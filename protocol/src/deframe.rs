@@ -92,6 +92,11 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         self.held.saturating_sub(self.handed_out)
     }
 
+    /// The frame that was handed out last, until the next call that receives or gives up.
+    pub fn frame(&self) -> Option<&[u8]> {
+        self.buffer.get(..self.handed_out).filter(|frame| !frame.is_empty())
+    }
+
     /// Takes bytes from the front of `bytes` until a frame is complete or `bytes` is empty.
     ///
     /// Call it until it answers `None`; the frame handed out is valid until the next call.
@@ -230,7 +235,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     fn hand_out(&mut self, length: usize) -> Option<&[u8]> {
         self.handed_out = length;
         self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
-        self.buffer.get(..length)
+        self.frame()
     }
 
     fn skipped(&mut self, count: usize) {

@@ -17,16 +17,16 @@ use firmware::board::line::{Receiver, Sender};
 use firmware::board::sensing::Sensing;
 use firmware::board::ssd1306::Ssd1306;
 use firmware::controller::Controller;
-use firmware::personality::pms5005::Session;
+use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::settings::Settings;
 use static_cell::StaticCell;
 
-type Channels = app::Channels<CriticalSectionRawMutex>;
+type Channels = app::Channels<CriticalSectionRawMutex, LinkCounters>;
 
 static CHANNELS: StaticCell<Channels> = StaticCell::new();
 static BOARD: StaticCell<Board> = StaticCell::new();
 static CONTROLLER: StaticCell<Controller> = StaticCell::new();
-static SESSION: StaticCell<Session> = StaticCell::new();
+static SESSION: StaticCell<Pms5005> = StaticCell::new();
 static CONTROL: InterruptExecutor = InterruptExecutor::new();
 static SENSING: InterruptExecutor = InterruptExecutor::new();
 
@@ -62,7 +62,7 @@ async fn display(display: &'static mut Ssd1306, all: &'static Channels) {
 async fn link(
     rx: &'static mut Receiver,
     tx: &'static mut Sender,
-    session: &'static mut Session,
+    session: &'static mut Pms5005,
     all: &'static Channels,
 ) {
     app::link(rx, tx, session, all).await;
@@ -74,7 +74,7 @@ async fn main(spawner: Spawner) {
         BOARD.init_with(f407::start);
     let all = &*CHANNELS.init_with(Channels::new);
     let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| Session::new(Settings::DEFAULT.link, Instant::now()));
+    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT.link, Instant::now()));
     interrupt::UART4.set_priority(Priority::P6);
     interrupt::UART5.set_priority(Priority::P7);
     CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));

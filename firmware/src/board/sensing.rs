@@ -130,7 +130,7 @@ pub struct Bank {
 
 impl Sensing {
     /// The task: readings into `channels`, for ever.
-    pub async fn run<M: RawMutex>(&mut self, channels: &Channels<M>) -> ! {
+    pub async fn run<M: RawMutex, C: Copy>(&mut self, channels: &Channels<M, C>) -> ! {
         let key = Cell::new(Key::NONE);
         let mut port = Port { bank: &mut self.bank, key: &key, turn: 0, last: Sensors::UNKNOWN };
         join(app::sensors(&mut port, channels), self.remote.listen(&key)).await;

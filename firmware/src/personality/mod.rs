@@ -1,6 +1,79 @@
 //! Personalities: how a controller of old presents itself to its host.
 //!
-//! A personality is a session without I/O: bytes and the time go in, commands and bytes come out.
-//! It knows the wire and the controller's vocabulary, never a port.
+//! A [`Session`] is one without I/O: bytes and the time go in, [`Request`]s and bytes come out. It
+//! knows the wire and the controller's vocabulary, never a port. `app::link` runs any of them.
 
 pub mod pms5005;
+mod reception;
+
+use embassy_time::Instant;
+
+use crate::command::Command;
+use crate::controller::Snapshot;
+
+pub use reception::{LONGEST_FRAME, LONGEST_PAUSE, TimedReceiver};
+
+/// Room for the longest frame that any session sends.
+pub const MAX_FRAME: usize = 128;
+
+/// What a host asks of the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Something of the controller.
+    Control(Command),
+    /// To show a sixteenth of an image.
+    Show(Picture),
+}
+
+/// A sixteenth of an image for the LCD.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// 0 to 15: even left, odd right, from the top.
+    pub number: u8,
+    /// 64 columns, least significant bit on top.
+    pub columns: [u8; 64],
+}
+
+/// A board's conversation with its host. The time that it is told never runs backwards.
+pub trait Session {
+    /// What it counts.
+    type Counters: Copy + Default;
+
+    /// Takes bytes from the front of `bytes` until they ask something of the board, or are all
+    /// taken (`None`). Call it until it answers `None`; with no bytes it looks only whether a frame
+    /// has been waiting for its rest too long.
+    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request>;
+
+    /// What time alone asks of the board. Call it until it answers `None`.
+    fn advance(&mut self, _now: Instant, _snapshot: &Snapshot) -> Option<Request> {
+        None
+    }
+
+    /// When [`receive`](Self::receive) or [`advance`](Self::advance) will have something to do
+    /// although no byte comes.
+    fn wakes_at(&self) -> Option<Instant>;
+
+    /// The next frame to send, written into `out`; `None` if there is nothing to say now. Call it
+    /// whenever the line is free.
+    fn transmit<'b>(
+        &mut self,
+        now: Instant,
+        snapshot: &Snapshot,
+        out: &'b mut [u8; MAX_FRAME],
+    ) -> Option<&'b [u8]>;
+
+    /// When there will be something to send; it may be now or past.
+    fn sends_at(&self) -> Instant;
+
+    /// Counts an error that the line reported.
+    fn line_failed(&mut self);
+
+    /// Counts a picture that found no room to wait.
+    fn picture_dropped(&mut self) {}
+
+    /// Everything counted so far.
+    fn counters(&self) -> Self::Counters;
+
+    /// A number that changes with every frame of our host: its signs of life. It wraps.
+    fn signs_of_life(&self) -> u32;
+}

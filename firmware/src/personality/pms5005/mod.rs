@@ -1,9 +1,8 @@
 //! The PMS5005's session with its host.
 //!
-//! [`Session::receive`] takes bytes and yields what they ask of the board; [`Session::transmit`]
-//! yields the next frame to send, whenever the line is free. Pulling frames instead of queueing
-//! them keeps the transmit side bounded: acknowledgements are all alike, so the queue of them is
-//! a number, and telemetry is made when it is sent, from what is true then.
+//! Frames to send are pulled whenever the line is free, not queued, which keeps the transmit side
+//! bounded: acknowledgements are all alike, so the queue of them is a number, and telemetry is
+//! made when it is sent, from what is true then.
 //!
 //! Rules (facts and manual section III):
 //! - every intact frame for us is acknowledged unless its reserved byte is 255; 255/1, which may
@@ -19,10 +18,10 @@ use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use protocol::pms5005::{
-    self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Receiver, Refusal, Repeat, Report,
-    Reports,
+    self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Refusal, Repeat, Report, Reports,
 };
 
+use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver};
 use crate::command::{Command, Configuration};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
@@ -34,31 +33,9 @@ pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
 /// Without telemetry we send a ping this often; hosts give up after 2 s, and want to hear from us
 /// every second.
 pub const PING_PERIOD: Duration = Duration::from_millis(900);
-/// A frame's bytes may pause this long and take this long in all (264 bytes take 23 ms at 115200
-/// baud); then what is there is searched for other frames.
-pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
-const LONGEST_FRAME: Duration = Duration::from_millis(500);
 /// Acknowledgements that may wait. They take a second at 115200 baud, half of what a host waits
 /// for any frame at all; more of them are dropped.
 const ACKS_WAITING: u16 = 1152;
-
-/// What a frame asks of the board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Request {
-    /// Something of the controller.
-    Control(Command),
-    /// To show a sixteenth of an image.
-    Show(Picture),
-}
-
-/// A sixteenth of an image for the LCD.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Picture {
-    /// 0 to 15: even left, odd right, from the top.
-    pub number: u8,
-    /// 64 columns, least significant bit on top.
-    pub columns: [u8; 64],
-}
 
 /// What a session has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -102,11 +79,9 @@ struct Stream {
     due: Instant,
 }
 
-/// The session. See the [module](self). The time that it is told never runs backwards.
-pub struct Session {
-    receiver: Receiver,
-    /// When the pending candidate's first byte came, and when its last.
-    candidate: Option<(Instant, Instant)>,
+/// A PMS5005 as its host sees it. See the [module](self).
+pub struct Pms5005 {
+    receiver: TimedReceiver<wire::Pms5005, { wire::MAX_FRAME }>,
     /// Apart from the receiver, because a frame borrows that while it is answered.
     answers: Answers,
 }
@@ -127,17 +102,15 @@ struct Answers {
 
 const REPORTS: [Reports; 3] = [Reports::Motors, Reports::CustomIo, Reports::Sensors];
 
-impl Session {
-    /// Room for the longest frame that a session sends.
-    pub const MAX_FRAME: usize = Report::MAX_FRAME;
+const _: () = assert!(Report::MAX_FRAME <= MAX_FRAME);
 
+impl Pms5005 {
     /// A session at boot: "it will keep sending all sensor data to the host" (section III). It
     /// begins after one period, when there is something to tell.
     pub fn new(settings: LinkSettings, now: Instant) -> Self {
         let due = now.saturating_add(telemetry_period(&settings));
         Self {
-            receiver: Receiver::new(),
-            candidate: None,
+            receiver: TimedReceiver::new(),
             answers: Answers {
                 settings,
                 streams: [Stream { repeat: Repeat::Continuous, due }; 3],
@@ -149,9 +122,51 @@ impl Session {
             },
         }
     }
+}
 
-    /// Everything counted so far.
-    pub fn counters(&self) -> LinkCounters {
+impl Session for Pms5005 {
+    type Counters = LinkCounters;
+
+    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
+        while let Some(frame) = self.receiver.receive(bytes, now) {
+            if let Some(request) = self.answers.respond(frame, now) {
+                return Some(request);
+            }
+        }
+        None
+    }
+
+    fn wakes_at(&self) -> Option<Instant> {
+        self.receiver.gives_up_at()
+    }
+
+    fn transmit<'b>(
+        &mut self,
+        now: Instant,
+        snapshot: &Snapshot,
+        out: &'b mut [u8; MAX_FRAME],
+    ) -> Option<&'b [u8]> {
+        let frame = match self.answers.next(now)? {
+            Answer::Ack => ACK.encode(out),
+            Answer::Ping => PING.encode(out),
+            Answer::Telemetry(reports) => report(reports, snapshot).encode(out),
+        };
+        frame.ok().map(|frame| &*frame)
+    }
+
+    fn sends_at(&self) -> Instant {
+        self.answers.due_at()
+    }
+
+    fn line_failed(&mut self) {
+        count(&mut self.answers.counters.line_errors, 1);
+    }
+
+    fn picture_dropped(&mut self) {
+        count(&mut self.answers.counters.pictures_dropped, 1);
+    }
+
+    fn counters(&self) -> LinkCounters {
         let reception = self.receiver.reception();
         LinkCounters {
             frames_ok: reception.frames_ok,
@@ -161,88 +176,8 @@ impl Session {
         }
     }
 
-    /// Takes bytes from the front of `bytes` until they ask something of the board, or are all
-    /// taken (`None`). Call it until it answers `None`.
-    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
-        let anything_new = !bytes.is_empty();
-        let skipped = self.receiver.reception().bytes_skipped;
-        while let Some(frame) = self.receiver.receive(bytes) {
-            self.candidate = None;
-            if let Some(request) = self.answers.respond(frame, now) {
-                return Some(request);
-            }
-        }
-        if self.receiver.reception().bytes_skipped != skipped {
-            // What is pending now is another candidate than before.
-            self.candidate = None;
-        }
-        self.candidate = match self.candidate {
-            _ if self.receiver.pending() == 0 => None,
-            Some((first, _)) if anything_new => Some((first, now)),
-            candidate => candidate.or(Some((now, now))),
-        };
-        None
-    }
-
-    /// When [`give_up`](Self::give_up) has something to do: the pending bytes have paused or
-    /// lasted too long by then.
-    pub fn gives_up_at(&self) -> Option<Instant> {
-        self.candidate.map(|(first, last)| {
-            last.saturating_add(LONGEST_PAUSE).min(first.saturating_add(LONGEST_FRAME))
-        })
-    }
-
-    /// Gives up on the pending bytes, if it is time to, and finds the good frames that they were
-    /// holding up. Call it until it answers `None`.
-    pub fn give_up(&mut self, now: Instant) -> Option<Request> {
-        let (_, last) = self.candidate?;
-        if self.gives_up_at().is_none_or(|at| now < at) {
-            return None;
-        }
-        if now < last.saturating_add(LONGEST_PAUSE) {
-            // The line is busy: only the candidate at the front has had its time.
-            self.receiver.give_up_front();
-            self.candidate = Some((now, last));
-            return self.receive(&mut &[][..], now);
-        }
-        while let Some(frame) = self.receiver.give_up() {
-            if let Some(request) = self.answers.respond(frame, now) {
-                return Some(request);
-            }
-        }
-        self.candidate = None;
-        None
-    }
-
-    /// Counts an error that the line reported.
-    pub fn line_failed(&mut self) {
-        count(&mut self.answers.counters.line_errors, 1);
-    }
-
-    /// Counts a picture that found no room to wait.
-    pub fn picture_dropped(&mut self) {
-        count(&mut self.answers.counters.pictures_dropped, 1);
-    }
-
-    /// When there will be something to send; it may be now or past.
-    pub fn sends_at(&self) -> Instant {
-        self.answers.due_at()
-    }
-
-    /// The next frame to send, written into `out`; `None` if there is nothing to say now. Call it
-    /// whenever the line is free. `out` holds at least [`Self::MAX_FRAME`] bytes.
-    pub fn transmit<'b>(
-        &mut self,
-        now: Instant,
-        snapshot: &Snapshot,
-        out: &'b mut [u8],
-    ) -> Option<&'b [u8]> {
-        let frame = match self.answers.next(now)? {
-            Answer::Ack => ACK.encode(out),
-            Answer::Ping => PING.encode(out),
-            Answer::Telemetry(reports) => report(reports, snapshot).encode(out),
-        };
-        frame.ok().map(|frame| &*frame)
+    fn signs_of_life(&self) -> u32 {
+        self.answers.counters.frames_for_us
     }
 }
 

@@ -1,0 +1,86 @@
+//! A receiver that knows the time: it gives up on frames whose rest does not come.
+//!
+//! Noise that looks like the beginning of a frame holds up the good frames behind it until its
+//! bytes are there. They are given [`LONGEST_PAUSE`] between two arrivals and [`LONGEST_FRAME`] in
+//! all. After a pause everything held is searched for frames; on a line that is busy only the
+//! candidate that had its time is rejected.
+
+use embassy_time::{Duration, Instant};
+use protocol::deframe::{Deframer, Framing, Reception};
+
+/// How long a frame's bytes may pause.
+pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
+/// How long a frame may take in all. The longest of the PMS5005, 264 bytes, takes 23 ms at 115200
+/// baud and 275 ms at 9600.
+pub const LONGEST_FRAME: Duration = Duration::from_millis(500);
+
+/// A [`Deframer`] for frames of at most `N` bytes that gives up in time.
+pub struct TimedReceiver<F, const N: usize> {
+    deframer: Deframer<F, N>,
+    /// When the pending candidate's first byte came, and when its last.
+    candidate: Option<(Instant, Instant)>,
+}
+
+impl<F: Framing, const N: usize> TimedReceiver<F, N> {
+    /// An empty receiver.
+    pub const fn new() -> Self {
+        Self { deframer: Deframer::new(), candidate: None }
+    }
+
+    /// The counters.
+    pub fn reception(&self) -> Reception {
+        self.deframer.reception()
+    }
+
+    /// When bytes that are pending by now will have paused or lasted too long.
+    pub fn gives_up_at(&self) -> Option<Instant> {
+        self.candidate.map(|(first, last)| {
+            last.saturating_add(LONGEST_PAUSE).min(first.saturating_add(LONGEST_FRAME))
+        })
+    }
+
+    /// Takes bytes from the front of `bytes` until a frame is complete; when none are left, gives
+    /// up on what has had its time.
+    ///
+    /// Call it until it answers `None`; the frame handed out is valid until the next call.
+    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<&[u8]> {
+        let anything_new = !bytes.is_empty();
+        let skipped = self.reception().bytes_skipped;
+        if self.deframer.receive(bytes).is_some() {
+            if anything_new {
+                self.candidate = None;
+            }
+            return self.deframer.frame();
+        }
+        // Bytes skipped: what is pending now is another candidate than before.
+        let another = self.reception().bytes_skipped != skipped;
+        self.candidate = match self.candidate {
+            Some((first, _)) if anything_new && !another => Some((first, now)),
+            Some(candidate) if !anything_new => Some(candidate),
+            _ => Some((now, now)),
+        };
+        while self.deframer.pending() > 0 {
+            let (first, last) = self.candidate?;
+            let found = if now >= last.saturating_add(LONGEST_PAUSE) {
+                self.deframer.give_up()
+            } else if now >= first.saturating_add(LONGEST_FRAME) {
+                self.candidate = Some((now, last));
+                self.deframer.give_up_front();
+                self.deframer.receive(&mut &[][..])
+            } else {
+                return None;
+            };
+            if found.is_some() {
+                return self.deframer.frame();
+            }
+        }
+        self.candidate = None;
+        None
+    }
+}
+
+impl<F: Framing, const N: usize> Default for TimedReceiver<F, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
