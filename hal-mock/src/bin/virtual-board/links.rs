@@ -11,8 +11,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use hal_mock::wire::Line;
-use protocol::pms5005::Receiver;
 
+use crate::machine::{Follower, Machine};
 use crate::pty::Pty;
 
 /// TCP clients, and UDP peers, at a time.
@@ -31,7 +31,7 @@ pub struct Links {
     pty_was_open: bool,
     listener: TcpListener,
     clients: Vec<(TcpStream, Flow)>,
-    udp: UdpSocket,
+    udp: Option<UdpSocket>,
     /// Who has sent us a datagram, the latest last.
     peers: Vec<SocketAddr>,
     /// Whose turn on the line it is: 0 the pseudo-terminal, 1 UDP, then the TCP clients.
@@ -40,14 +40,29 @@ pub struct Links {
 
 impl Links {
     /// Opens all of them, or says in one line what is in the way.
-    pub fn open(pty_link: Option<&Path>, tcp: &str, udp: &str) -> Result<Self, String> {
-        let listener = TcpListener::bind(tcp).map_err(|e| format!("--tcp {tcp}: {e}"))?;
-        let udp_socket = UdpSocket::bind(udp).map_err(|e| format!("--udp {udp}: {e}"))?;
-        listener.set_nonblocking(true).map_err(|e| format!("--tcp {tcp}: {e}"))?;
-        udp_socket.set_nonblocking(true).map_err(|e| format!("--udp {udp}: {e}"))?;
+    pub fn open(
+        pty_link: Option<&Path>,
+        tcp: &str,
+        udp: Option<&str>,
+        machine: &dyn Machine,
+    ) -> Result<Self, String> {
+        let listen = || {
+            let listener = TcpListener::bind(tcp)?;
+            listener.set_nonblocking(true)?;
+            Ok(listener)
+        };
+        let bind = |address| {
+            let socket = UdpSocket::bind(address)?;
+            socket.set_nonblocking(true)?;
+            Ok(socket)
+        };
+        let listener = listen().map_err(|e: std::io::Error| format!("--tcp {tcp}: {e}"))?;
+        let udp_socket = udp
+            .map(|udp| bind(udp).map_err(|e: std::io::Error| format!("--udp {udp}: {e}")))
+            .transpose()?;
         Ok(Self {
             pty: Pty::open(pty_link)?,
-            pty_flow: Flow::new(),
+            pty_flow: Flow::new(machine.follower()),
             pty_was_open: false,
             listener,
             clients: Vec::new(),
@@ -62,11 +77,10 @@ impl Links {
         let shown = |address: std::io::Result<SocketAddr>| {
             address.map_or_else(|e| e.to_string(), |address| address.to_string())
         };
-        vec![
-            self.pty.place(),
-            format!("TCP {}", shown(self.listener.local_addr())),
-            format!("UDP {}", shown(self.udp.local_addr())),
-        ]
+        let mut places =
+            vec![self.pty.place(), format!("TCP {}", shown(self.listener.local_addr()))];
+        places.extend(self.udp.iter().map(|udp| format!("UDP {}", shown(udp.local_addr()))));
+        places
     }
 
     /// How many are connected: the pseudo-terminal, TCP clients, UDP peers.
@@ -79,7 +93,7 @@ impl Links {
     pub fn watch<'a>(&'a self, line: &Line, fds: &mut Vec<BorrowedFd<'a>>) {
         fds.push(self.listener.as_fd());
         if line.backlog() <= BACKLOG {
-            fds.push(self.udp.as_fd());
+            fds.extend(self.udp.as_ref().map(AsFd::as_fd));
             let talking = self.clients.iter().filter(|(_, flow)| !flow.finished);
             fds.extend(talking.map(|(stream, _)| stream.as_fd()));
             if self.pty_was_open {
@@ -89,13 +103,14 @@ impl Links {
     }
 
     /// Puts what the clients have sent onto the line.
-    pub fn receive(&mut self, line: &Line) {
+    pub fn receive(&mut self, machine: &dyn Machine) {
+        let line = machine.line();
         while let Ok((stream, _)) = self.listener.accept() {
             if self.clients.len() < MOST_CLIENTS
                 && stream.set_nonblocking(true).is_ok()
                 && stream.set_nodelay(true).is_ok()
             {
-                self.clients.push((stream, Flow::new()));
+                self.clients.push((stream, Flow::new(machine.follower())));
             }
         }
         let pty_is_open = self.pty.is_open();
@@ -133,7 +148,8 @@ impl Links {
 
     fn receive_datagram(&mut self, line: &Line) {
         let mut buffer = [0; 2048];
-        if let Ok((count, peer)) = self.udp.recv_from(&mut buffer) {
+        let Some(udp) = &self.udp else { return };
+        if let Ok((count, peer)) = udp.recv_from(&mut buffer) {
             line.host_sends(&buffer[..count]);
             self.peers.retain(|known| *known != peer);
             if self.peers.len() == MOST_CLIENTS {
@@ -158,17 +174,18 @@ impl Links {
                 Err(_) => None,
             })
         });
-        for peer in &self.peers {
+        for (udp, peer) in self.udp.iter().flat_map(|udp| self.peers.iter().map(move |p| (udp, p)))
+        {
             // A datagram that finds no room, or nobody, is lost, as on the radio.
-            let _ = self.udp.send_to(frame, peer);
+            let _ = udp.send_to(frame, peer);
         }
     }
 }
 
 /// One client's stream, kept in whole frames both ways.
 struct Flow {
-    /// Follows the client's frames, so that those of two clients do not mix on the line.
-    receiver: Receiver,
+    /// Follows the client's frames.
+    follower: Box<dyn Follower>,
     /// The beginning of a frame whose rest has not come yet, and since when.
     held: Vec<u8>,
     since: Instant,
@@ -181,9 +198,9 @@ struct Flow {
 }
 
 impl Flow {
-    fn new() -> Self {
+    fn new(follower: Box<dyn Follower>) -> Self {
         Self {
-            receiver: Receiver::new(),
+            follower,
             held: Vec::new(),
             since: Instant::now(),
             unsent: Vec::new(),
@@ -210,9 +227,8 @@ impl Flow {
         }
         self.held.extend(bytes);
         self.since = Instant::now();
-        let mut unseen = bytes;
-        while self.receiver.receive(&mut unseen).is_some() {}
-        let complete = self.held.len().saturating_sub(self.receiver.pending());
+        let pending = self.follower.follow(bytes);
+        let complete = self.held.len().saturating_sub(pending);
         line.host_sends(&self.held[..complete]);
         self.held.drain(..complete);
     }
@@ -222,7 +238,7 @@ impl Flow {
         if !self.held.is_empty() && self.since.elapsed() >= PATIENCE {
             line.host_sends(&self.held);
             self.held.clear();
-            self.receiver = Receiver::new();
+            self.follower.forget();
         }
     }
 

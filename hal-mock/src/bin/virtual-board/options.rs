@@ -1,0 +1,135 @@
+//! The command line: what it says, what is wrong with it, and what holds where it says nothing.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::parser::ValueSource;
+use clap::{CommandFactory, FromArgMatches, Parser, ValueEnum};
+
+/// A simulated motion and sensing controller that host programs of the original can talk to.
+#[derive(Parser)]
+#[command(version, about)]
+pub struct Options {
+    /// Which controller to be.
+    #[arg(value_enum, default_value_t = Personality::Pms5005)]
+    pub personality: Personality,
+    /// Also make LINK a symbolic link to the pseudo-terminal, as long as the board runs.
+    #[arg(long, value_name = "LINK")]
+    pub pty: Option<PathBuf>,
+    /// Where to listen for TCP clients [default: 127.0.0.1:5005].
+    #[arg(long, value_name = "ADDR")]
+    tcp: Option<String>,
+    /// Where to listen for UDP peers, one frame a datagram [default: 127.0.0.1:10001].
+    #[arg(long, value_name = "ADDR")]
+    udp: Option<String>,
+    /// Where to offer the simulated truth as JSON lines; loopback only. Off by default.
+    #[arg(long, value_name = "ADDR")]
+    pub inspect: Option<String>,
+    /// The world to simulate; see the documentation of hal_mock::scene_file.
+    #[arg(long, value_name = "FILE.toml")]
+    pub scene: Option<PathBuf>,
+    /// Pace both directions as a UART of that baud would; 0 does not [default: 115200].
+    #[arg(long, value_name = "BAUD")]
+    line_rate: Option<u32>,
+    /// Stop after N seconds.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    seconds: Option<f64>,
+    /// Print plain lines only, even on a terminal.
+    #[arg(long)]
+    pub headless: bool,
+    /// Seed of the simulated noise.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Personality {
+    Pms5005,
+}
+
+/// Options that are not for every personality, and for whom they are.
+const PARTICULAR: [(&str, &[Personality]); 2] =
+    [("udp", &[Personality::Pms5005]), ("scene", &[Personality::Pms5005])];
+
+/// What holds unless the user says otherwise.
+struct Defaults {
+    tcp: &'static str,
+    udp: Option<&'static str>,
+    line_rate: u32,
+}
+
+impl Personality {
+    fn defaults(self) -> Defaults {
+        match self {
+            Self::Pms5005 => {
+                Defaults { tcp: "127.0.0.1:5005", udp: Some("127.0.0.1:10001"), line_rate: 115_200 }
+            }
+        }
+    }
+}
+
+/// A session gives up a frame that takes longer than half a second: 264 bytes take 275 ms here.
+const SLOWEST_LINE: u32 = 9600;
+
+impl Options {
+    /// What the command line says, or in one line what is wrong with it. `None` when the user only
+    /// wanted to know something, and has been told.
+    pub fn parse() -> Result<Option<Self>, String> {
+        let parsed =
+            Self::command().try_get_matches().and_then(|m| Ok((Self::from_arg_matches(&m)?, m)));
+        let (options, matches) = match parsed {
+            Ok(parsed) => parsed,
+            Err(error) if !error.use_stderr() => {
+                let _ = error.print(); // --help, --version
+                return Ok(None);
+            }
+            Err(error) => {
+                // What is wrong, and what would be right; then come usage and tips.
+                let text = error.render().to_string();
+                let said: Vec<_> = text.lines().take_while(|line| !line.is_empty()).collect();
+                let line = said.join("").replace("  ", " ");
+                return Err(line.strip_prefix("error: ").unwrap_or(&line).to_owned());
+            }
+        };
+        let personality = options.personality;
+        for (option, whose) in PARTICULAR {
+            let is_given = matches.value_source(option) == Some(ValueSource::CommandLine);
+            if is_given && !whose.contains(&personality) {
+                let name = |p: &Personality| p.to_possible_value().map(|v| v.get_name().to_owned());
+                let whose: Vec<_> = whose.iter().filter_map(name).collect();
+                let here = name(&personality).unwrap_or_default();
+                return Err(format!("--{option}: not for {here}, only for {}", whose.join(", ")));
+            }
+        }
+        if (1..SLOWEST_LINE).contains(&options.line_rate()) {
+            let rate = options.line_rate();
+            return Err(format!("--line-rate {rate}: must be 0, or {SLOWEST_LINE} or more"));
+        }
+        options.end()?;
+        Ok(Some(options))
+    }
+
+    /// Where to listen for TCP clients.
+    pub fn tcp(&self) -> &str {
+        self.tcp.as_deref().unwrap_or(self.personality.defaults().tcp)
+    }
+
+    /// Where to listen for UDP peers, if this personality does.
+    pub fn udp(&self) -> Option<&str> {
+        self.udp.as_deref().or(self.personality.defaults().udp)
+    }
+
+    /// The line's speed in baud; 0 takes no time.
+    pub fn line_rate(&self) -> u32 {
+        self.line_rate.unwrap_or(self.personality.defaults().line_rate)
+    }
+
+    /// When to stop.
+    pub fn end(&self) -> Result<Option<Duration>, String> {
+        let duration = |seconds| {
+            Duration::try_from_secs_f64(seconds)
+                .map_err(|_| format!("--seconds {seconds}: must be 0 or more"))
+        };
+        self.seconds.map(duration).transpose()
+    }
+}

@@ -1,0 +1,245 @@
+//! The PMS5005 as a [`Machine`]: what it shows, tells and lets itself be told.
+
+use std::fmt::Write;
+
+use embassy_time::Instant;
+use hal_mock::board::{Make, VirtualBoard};
+use hal_mock::plant::Overrides;
+use hal_mock::scene_file;
+use hal_mock::wire::Line;
+use protocol::pms5005::Receiver;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use crate::machine::{Follower, Machine};
+use crate::options::Options;
+use crate::values::{list, number, numbers};
+
+/// The board that the options ask for, or in one line what is wrong with its scene.
+pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
+    let scene = match &options.scene {
+        None => Default::default(),
+        Some(path) => {
+            let shown = path.display();
+            let text =
+                std::fs::read_to_string(path).map_err(|e| format!("--scene {shown}: {e}"))?;
+            scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
+        }
+    };
+    Ok(Box::new(VirtualBoard::new(Make {
+        scene,
+        line_rate: options.line_rate(),
+        seed: options.seed,
+        ..Make::default()
+    })))
+}
+
+impl Machine for VirtualBoard {
+    fn name(&self) -> &'static str {
+        "PMS5005"
+    }
+
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn follower(&self) -> Box<dyn Follower> {
+        Box::new(Receiver::new())
+    }
+
+    fn run_until(&mut self, time: Instant) {
+        VirtualBoard::run_until(self, time);
+    }
+
+    fn status(&self) -> String {
+        let plant = self.plant.borrow();
+        let link = self.link();
+        let mut text = String::from("duty=");
+        for (i, motor) in plant.outputs.motors.iter().enumerate() {
+            let comma = if i > 0 { "," } else { "" };
+            let _ = match motor.enabled {
+                true => write!(text, "{comma}{:+.2}", f64::from(motor.duty.raw()) / 16384.0),
+                false => write!(text, "{comma}off"),
+            };
+        }
+        let _ = write!(
+            text,
+            " frames={} bad={} acks={} telemetry={} refused={}",
+            link.frames_ok,
+            link.bad_frames,
+            link.acks_sent,
+            link.telemetry_sent,
+            self.refused(),
+        );
+        if self.snapshot().link_loss {
+            text.push_str(" LINK-LOSS");
+        }
+        text
+    }
+
+    fn panel(&self) -> String {
+        let plant = self.plant.borrow();
+        let link = self.link();
+        let mut text = String::new();
+        for (i, (motor, output)) in plant.motors.iter().zip(&plant.outputs.motors).enumerate() {
+            let duty = match output.enabled {
+                true => format!("{:+6.1} %", f64::from(output.duty.raw()) / 163.84),
+                false => "     off".into(),
+            };
+            let servo = match plant.outputs.servos[i] {
+                Some(pulse) => format!("{:6.0} us", f64::from(pulse.raw()) / 2.25),
+                None => "      off".into(),
+            };
+            let at = plant.servos[i].position() / 2.25;
+            let _ = writeln!(
+                text,
+                "motor {} {duty} {:9} {:7.0}/s {:5.2} A   servo {} {servo} at {at:4.0}",
+                i + 1,
+                motor.position(),
+                motor.velocity(),
+                motor.current_a(),
+                i + 1,
+            );
+        }
+        let _ = write!(
+            text,
+            "frames {} bad {} refused {}  acks {}  telemetry {}  out {:08b}{}",
+            link.frames_ok,
+            link.bad_frames,
+            self.refused(),
+            link.acks_sent,
+            link.telemetry_sent,
+            plant.outputs.gpio,
+            if self.snapshot().link_loss { "  host silent: LINK LOSS" } else { "" },
+        );
+        text
+    }
+
+    fn state(&self) -> Value {
+        json!(State::of(self))
+    }
+
+    fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
+        let mut plant = self.plant.borrow_mut();
+        plant.overrides = overridden(&plant.overrides, changes)?;
+        Ok(())
+    }
+}
+
+#[derive(Serialize)]
+struct State {
+    t_ms: u64,
+    motors: [MotorState; 6],
+    servos: [ServoState; 6],
+    gpio_out: u8,
+    lcd: String,
+    link: LinkState,
+    faults: Vec<&'static str>,
+}
+
+#[derive(Serialize)]
+struct MotorState {
+    /// -1 to 1.
+    duty: f64,
+    enabled: bool,
+    /// Counts, unwrapped.
+    position: i64,
+    /// Counts per second.
+    velocity: f32,
+    current_a: f32,
+}
+
+#[derive(Serialize)]
+struct ServoState {
+    enabled: bool,
+    pulse_us: f64,
+}
+
+#[derive(Serialize)]
+struct LinkState {
+    frames_ok: u32,
+    bad_frames: u32,
+    bytes_skipped: u32,
+    acks_sent: u32,
+    refused: u32,
+    unknown: u32,
+    not_for_us: u32,
+    telemetry_sent: u32,
+    telemetry_skipped: u32,
+    frames_for_us: u32,
+    acks_dropped: u32,
+    pings_sent: u32,
+    pictures_dropped: u32,
+    line_errors: u32,
+}
+
+impl State {
+    fn of(board: &VirtualBoard) -> Self {
+        let plant = board.plant.borrow();
+        let snapshot = board.snapshot();
+        let link = board.link();
+        let outputs = &plant.outputs;
+        Self {
+            t_ms: embassy_time::Instant::now().as_millis(),
+            motors: std::array::from_fn(|i| MotorState {
+                duty: f64::from(outputs.motors[i].duty.raw()) / 16384.0,
+                enabled: outputs.motors[i].enabled,
+                position: plant.motors[i].position(),
+                velocity: plant.motors[i].velocity(),
+                current_a: plant.motors[i].current_a(),
+            }),
+            servos: outputs.servos.map(|pulse| ServoState {
+                enabled: pulse.is_some(),
+                pulse_us: pulse.map_or(0.0, |pulse| f64::from(pulse.raw()) / 2.25),
+            }),
+            gpio_out: outputs.gpio,
+            lcd: plant.lcd.as_flattened().iter().map(|byte| format!("{byte:02x}")).collect(),
+            link: LinkState {
+                frames_ok: link.frames_ok,
+                bad_frames: link.bad_frames,
+                bytes_skipped: link.bytes_skipped,
+                acks_sent: link.acks_sent,
+                refused: board.refused(),
+                unknown: link.unknown,
+                not_for_us: link.not_for_us,
+                telemetry_sent: link.telemetry_sent,
+                telemetry_skipped: link.telemetry_skipped,
+                frames_for_us: link.frames_for_us,
+                acks_dropped: link.acks_dropped,
+                pings_sent: link.pings_sent,
+                pictures_dropped: link.pictures_dropped,
+                line_errors: link.line_errors,
+            },
+            faults: if snapshot.link_loss { vec!["link_loss"] } else { Vec::new() },
+        }
+    }
+}
+
+/// The overrides with some of them changed; an error names the key, and nothing is changed.
+fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides, String> {
+    const AD: u64 = 4095;
+    let mut new = old.clone();
+    for (key, value) in changes {
+        match key.as_str() {
+            "pot" => new.potentiometers = numbers(key, value, AD)?,
+            "motor_current" => new.currents = numbers(key, value, AD)?,
+            "custom_ad" => new.custom_ad = numbers(key, value, AD)?,
+            "human" => new.human = numbers(key, value, AD)?,
+            "tilt" => new.tilt = numbers(key, value, AD)?,
+            "overheat" => new.overheat = numbers(key, value, AD)?,
+            "temperature" => new.temperature = number(key, value, AD)?,
+            "ir_range" => new.ir_range = number(key, value, AD)?,
+            "battery" => new.battery = numbers(key, value, AD)?,
+            "reference" => new.reference = numbers(key, value, AD)?,
+            "sonar_cm" => new.sonar_cm = numbers(key, value, 255)?,
+            "ir_command" => new.ir_command = numbers(key, value, 255)?,
+            "gpio_in" => new.gpio_in = number(key, value, 255)?,
+            "jam" => {
+                new.jam = list(value, |value| value.as_bool())
+                    .ok_or(format!("{key}: expected 6 booleans, or null"))?;
+            }
+            _ => return Err(format!("{key}: nothing of this name can be set")),
+        }
+    }
+    Ok(new)
+}

@@ -1,0 +1,42 @@
+//! Numbers and lists of the inspector's questions, checked.
+
+use serde_json::Value;
+
+/// `N` numbers from 0 to `most`; null in place of one, or of all, is the simulation's own.
+pub fn numbers<T: TryFrom<u64>, const N: usize>(
+    key: &str,
+    value: &Value,
+    most: u64,
+) -> Result<[Option<T>; N], String> {
+    list(value, |value| in_range(value, most))
+        .ok_or(format!("{key}: expected {N} whole numbers from 0 to {most}, or null"))
+}
+
+/// A number from 0 to `most`, or null.
+pub fn number<T: TryFrom<u64>>(key: &str, value: &Value, most: u64) -> Result<Option<T>, String> {
+    match value {
+        Value::Null => Ok(None),
+        value => in_range(value, most)
+            .map(Some)
+            .ok_or(format!("{key}: expected a whole number from 0 to {most}, or null")),
+    }
+}
+
+fn in_range<T: TryFrom<u64>>(value: &Value, most: u64) -> Option<T> {
+    value.as_u64().filter(|&value| value <= most).and_then(|value| T::try_from(value).ok())
+}
+
+/// `N` elements, or null in place of one or of all.
+pub fn list<T, const N: usize>(
+    value: &Value,
+    element: impl Fn(&Value) -> Option<T>,
+) -> Option<[Option<T>; N]> {
+    let mut list = [const { None }; N];
+    if !value.is_null() {
+        let values = value.as_array().filter(|values| values.len() == N)?;
+        for (slot, value) in list.iter_mut().zip(values).filter(|(_, value)| !value.is_null()) {
+            *slot = Some(element(value)?);
+        }
+    }
+    Some(list)
+}
