@@ -24,7 +24,8 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use firmware::app::{self, Channels};
 use firmware::controller::{Controller, Snapshot};
-use firmware::personality::pms5005::{LinkCounters, Pms5005};
+use firmware::personality::Session;
+use firmware::personality::pms5005::Pms5005;
 use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
 use firmware::settings::Settings;
 
@@ -54,13 +55,13 @@ impl Default for Make {
     }
 }
 
-/// A PMS5005 on virtual time. There is one at a time in a thread: making another sets the
-/// thread's clock back to zero.
-pub struct VirtualBoard {
+/// A board on virtual time, a PMS5005 or with another session. There is one at a time in a thread:
+/// making another sets the thread's clock back to zero.
+pub struct VirtualBoard<S: Session = Pms5005> {
     app: Pin<Box<dyn Future<Output = ()>>>,
     woken: Arc<Woken>,
     waker: Waker,
-    channels: Rc<Channels<NoopRawMutex, LinkCounters>>,
+    channels: Rc<Channels<NoopRawMutex, S::Counters>>,
     /// The world around the board.
     pub plant: Rc<RefCell<Plant>>,
     /// The line to the host.
@@ -68,8 +69,21 @@ pub struct VirtualBoard {
 }
 
 impl VirtualBoard {
-    /// A board that has just been switched on.
+    /// A PMS5005 that has just been switched on.
     pub fn new(make: Make) -> Self {
+        Self::with_session(make, |now| Pms5005::new(make.settings.link, now))
+    }
+
+    /// Frames and commands refused so far: by the session for what they say, by the controller for
+    /// what they would do.
+    pub fn refused(&self) -> u32 {
+        self.link().refused.wrapping_add(self.snapshot().counters.refused)
+    }
+}
+
+impl<S: Session + 'static> VirtualBoard<S> {
+    /// A board that has just been switched on, with a session made for that time.
+    pub fn with_session(make: Make, session: impl FnOnce(Instant) -> S) -> Self {
         clock::reset();
         let plant = Rc::new(RefCell::new(Plant::new(make.scene, make.seed)));
         let line = Line::new(make.line_rate);
@@ -80,9 +94,9 @@ impl VirtualBoard {
             let mut sensors = SlowBench { plant: plant.clone(), started: false };
             let mut lcd = Bench(plant.clone());
             let channels = channels.clone();
+            let mut session = session(Instant::now());
             async move {
                 let mut controller = Controller::new(make.settings.control);
-                let mut session = Pms5005::new(make.settings.link, Instant::now());
                 join4(
                     app::control(&mut motion, &mut controller, &channels),
                     app::sensors(&mut sensors, &channels),
@@ -122,14 +136,8 @@ impl VirtualBoard {
         self.channels.snapshot.get()
     }
 
-    /// Frames and commands refused so far: by the session for what they say, by the controller for
-    /// what they would do.
-    pub fn refused(&self) -> u32 {
-        self.link().refused.wrapping_add(self.snapshot().counters.refused)
-    }
-
-    /// The link's counters.
-    pub fn link(&self) -> LinkCounters {
+    /// What the session has counted.
+    pub fn link(&self) -> S::Counters {
         self.channels.link.get()
     }
 }
