@@ -9,6 +9,7 @@
 //! and encode reports with it; hosts and tests do the opposite with the same types.
 //!
 //! - [`deframe`]: the resynchronising receiver, generic over a [`deframe::Framing`];
+//! - [`dynamixel`]: the servo bus of the CM-5 and its AX-12 servos;
 //! - [`pms5005`]: the WiRobot PMS5005 motion and sensing controller.
 //!
 //! # Promises
@@ -39,4 +40,5 @@
 )]
 
 pub mod deframe;
+pub mod dynamixel;
 pub mod pms5005;

@@ -1,0 +1,25 @@
+//! Dynamixel protocol 1.0 and the AX-12: the bus that the CM-5 is the master of.
+//!
+//! - [`Packet`] is what travels, `FF FF ID LEN CODE P... CHK`; [`InstructionReceiver`] and
+//!   [`StatusReceiver`] find it in a stream;
+//! - [`Instruction`] is what a master asks for; [`SyncWriter`] streams a SYNC_WRITE into a buffer;
+//! - [`Status`] is what a servo answers, with its [`Errors`];
+//! - [`Register`] is the AX-12's control table.
+//!
+//! A *master* asks, *servos* answer, one at a time: the line is one wire, so a master hears its own
+//! instructions too, and instructions and answers look alike. Words are little-endian.
+//!
+//! Source: the AX-12 manual (Robotis, 2006); where it is silent the text says so.
+
+mod instruction;
+mod packet;
+mod register;
+mod status;
+
+pub use instruction::{Instruction, Refusal, SyncWrite, SyncWriter};
+pub use packet::{
+    Dynamixel, EncodeError, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD,
+    Packet, PacketError, StatusReceiver,
+};
+pub use register::{Access, REGISTER_BYTES, Register};
+pub use status::{Errors, Status};
