@@ -9,6 +9,7 @@
 //!   everywhere, every noise seeded;
 //! - [`clock`]: virtual time, one clock a thread;
 //! - [`wire`]: the serial line, paced like a UART;
+//! - [`servo_bus`]: AX-12 servos on their one wire;
 //! - [`board`]: the firmware's own tasks over all of these: a [`board::VirtualBoard`].
 //!
 //! Tests move the clock by hand; the program `virtual-board` moves it with the wall clock.
@@ -23,5 +24,7 @@ pub mod board;
 pub mod clock;
 #[cfg(feature = "std")]
 pub mod scene_file;
+#[cfg(feature = "std")]
+pub mod servo_bus;
 #[cfg(feature = "std")]
 pub mod wire;

@@ -84,19 +84,19 @@ impl Line {
 /// When a transmission can begin on a direction that is busy until `busy` (ns). The clock counts
 /// microseconds: less than one of these after the end is the end itself, or every frame would
 /// lose a fraction.
-fn begin(busy: u64) -> u64 {
+pub(crate) fn begin(busy: u64) -> u64 {
     let now = Instant::now().as_micros() * 1000;
     if now < busy + 1000 { busy } else { now }
 }
 
 /// The first microsecond at or after a time in ns.
-fn instant(ns: u64) -> Instant {
+pub(crate) fn instant(ns: u64) -> Instant {
     Instant::from_micros(ns.div_ceil(1000))
 }
 
 /// Waits for a time in ns. A timer would give way once even to what is already over, and a line
 /// without a speed limit would get slower than the firmware.
-async fn until(ns: u64) {
+pub(crate) async fn until(ns: u64) {
     if instant(ns) > Instant::now() {
         Timer::at(instant(ns)).await;
     }

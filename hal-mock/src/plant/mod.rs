@@ -7,6 +7,7 @@
 //! Arithmetic is `f32` with nothing but the four operations, so that a computer and a Cortex-M4
 //! agree to the bit. Noise comes from one seeded generator.
 
+mod ax12;
 mod convert;
 mod motor;
 mod scene;
@@ -17,6 +18,7 @@ use core::array;
 use firmware::control::potentiometer;
 use firmware::ports::{MotionInputs, Outputs, Sensors};
 
+pub use ax12::{Ax12, Surroundings};
 pub use motor::Motor;
 pub use scene::{BatteryScene, Environment, MotorScene, Scene, ShaftSensor};
 pub use servo::Servo;
