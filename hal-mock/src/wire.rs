@@ -75,6 +75,16 @@ impl Line {
         self.0.borrow_mut().to_host.pop_front()
     }
 
+    /// What has arrived at the board by now: the board's end for one without tasks.
+    pub fn board_receives(&self, buffer: &mut [u8]) -> usize {
+        self.0.borrow_mut().take_arrived(buffer)
+    }
+
+    /// A frame of the board that is at the host now: the board has paced it itself.
+    pub fn board_sends(&self, frame: &[u8]) {
+        self.0.borrow_mut().to_host.push_back((Instant::now(), frame.to_vec()));
+    }
+
     /// The board's end.
     pub fn board_end(&self) -> (BoardRx, BoardTx) {
         (BoardRx(self.clone()), BoardTx(self.clone()))

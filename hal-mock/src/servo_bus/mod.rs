@@ -150,7 +150,12 @@ impl ServoBus {
         }
     }
 
-    /// The servos in their order, plugged in or not.
+    /// The servos in their order, and whether they are plugged in.
+    pub fn servos(&self) -> impl Iterator<Item = (&Ax12, bool)> {
+        self.sockets.iter().map(|socket| (&socket.servo, socket.plugged))
+    }
+
+    /// One of the servos, plugged in or not.
     pub fn servo(&mut self, index: usize) -> &mut Ax12 {
         &mut self.sockets[index].servo
     }

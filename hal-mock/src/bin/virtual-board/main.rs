@@ -4,6 +4,7 @@
 //! it is interrupted or `--seconds` are over. Whatever a client does, the board goes on. What is
 //! wrong with the command line is said in one line, with exit code 2.
 
+mod ax12_bus;
 mod inspect;
 mod links;
 mod machine;
@@ -68,6 +69,7 @@ fn run(options: &Options) -> Result<(), String> {
     let mut inspector = options.inspect.as_deref().map(Inspector::open).transpose()?;
     let mut machine = match options.personality {
         Personality::Pms5005 => pms5005::machine(options)?,
+        Personality::Ax12Bus => ax12_bus::machine(options)?,
     };
     let mut links =
         Links::open(options.pty.as_deref(), options.tcp(), options.udp(), machine.as_ref())?;

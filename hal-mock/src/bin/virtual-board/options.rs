@@ -28,7 +28,11 @@ pub struct Options {
     /// The world to simulate; see the documentation of hal_mock::scene_file.
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
-    /// Pace both directions as a UART of that baud would; 0 does not [default: 115200].
+    /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7.
+    #[arg(long, value_name = "IDS", default_value = "1-6")]
+    pub servos: String,
+    /// Pace both directions as a UART of that baud would; 0 does not [default: 115200, and 1000000
+    /// for a servo bus].
     #[arg(long, value_name = "BAUD")]
     line_rate: Option<u32>,
     /// Stop after N seconds.
@@ -44,12 +48,18 @@ pub struct Options {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Personality {
+    /// The WiRobot PMS5005.
     Pms5005,
+    /// A bus of AX-12 servos behind a USB adapter.
+    Ax12Bus,
 }
 
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 2] =
-    [("udp", &[Personality::Pms5005]), ("scene", &[Personality::Pms5005])];
+const PARTICULAR: [(&str, &[Personality]); 3] = [
+    ("udp", &[Personality::Pms5005]),
+    ("scene", &[Personality::Pms5005]),
+    ("servos", &[Personality::Ax12Bus]),
+];
 
 /// What holds unless the user says otherwise.
 struct Defaults {
@@ -64,6 +74,7 @@ impl Personality {
             Self::Pms5005 => {
                 Defaults { tcp: "127.0.0.1:5005", udp: Some("127.0.0.1:10001"), line_rate: 115_200 }
             }
+            Self::Ax12Bus => Defaults { tcp: "127.0.0.1:5012", udp: None, line_rate: 1_000_000 },
         }
     }
 }

@@ -1,0 +1,179 @@
+//! `virtual-board ax12-bus` under a Dynamixel master that no one here wrote: `rustypot`, on the
+//! serial device, in real time. What the master says and hears is its own code; the simulated
+//! truth behind it comes from the inspector.
+#![cfg(unix)]
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustypot::DynamixelProtocolHandler;
+use rustypot::servo::dynamixel::ax::AxController;
+use serde_json::{Value, json};
+use serialport::SerialPort;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+/// How long the master waits for an answer: long, since these machines are slow at times.
+const TIMEOUT: Duration = Duration::from_millis(500);
+
+/// A running bus.
+struct Bus {
+    child: Child,
+    device: String,
+    inspect: String,
+}
+
+impl Bus {
+    fn start(options: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_virtual-board"))
+            .arg("ax12-bus")
+            .args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0", "--headless"])
+            .args(options)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let mut line = || {
+            let mut line = String::new();
+            out.read_line(&mut line).unwrap();
+            line.trim().to_owned()
+        };
+        assert_eq!(line(), "AX-12 bus at your service:");
+        let device = line().strip_prefix("serial device ").unwrap().to_owned();
+        assert!(line().starts_with("TCP "), "and no UDP");
+        let inspect = line().strip_prefix("inspect ").unwrap().to_owned();
+        Self { child, device, inspect }
+    }
+
+    fn port(&self) -> Box<dyn SerialPort> {
+        serialport::new(&self.device, 1_000_000).timeout(TIMEOUT).open().unwrap()
+    }
+
+    fn master(&self) -> AxController {
+        AxController::new().with_protocol_v1().with_serial_port(self.port())
+    }
+
+    fn ask(&self, question: Value) -> Value {
+        let mut stream = TcpStream::connect(&self.inspect).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.write_all(format!("{question}\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        BufReader::new(stream).read_line(&mut answer).unwrap();
+        serde_json::from_str(&answer).unwrap()
+    }
+
+    /// The truth about the servo at this place.
+    fn servo(&self, index: usize) -> Value {
+        self.ask(json!({"get": "state"}))["servos"][index].clone()
+    }
+
+    /// Waits until the truth about a servo is what it should be.
+    fn until(&self, index: usize, what: impl Fn(&Value) -> bool) {
+        let start = Instant::now();
+        while !what(&self.servo(index)) {
+            assert!(start.elapsed() < PATIENCE, "it never came: {}", self.servo(index));
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+impl Drop for Bus {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn an_independent_master_finds_reads_and_writes_the_servos() {
+    let bus = Bus::start(&["--servos", "1-3,18"]);
+    let mut port = bus.port();
+    let handler = DynamixelProtocolHandler::v1();
+    for (id, is_there) in [(1, true), (2, true), (3, true), (18, true), (4, false), (0, false)] {
+        assert_eq!(handler.ping(port.as_mut(), id).unwrap(), is_there, "servo {id}");
+    }
+    drop(port);
+
+    let mut master = bus.master();
+    assert_eq!(master.read_model_number(18).unwrap(), [12]);
+    assert_eq!(master.read_raw_present_position(18).unwrap(), [512]);
+    assert_eq!(master.read_present_voltage(18).unwrap(), [120]);
+    master.write_torque_enable(18, 1).unwrap();
+    master.write_moving_speed(18, 300).unwrap();
+    master.write_raw_goal_position(18, 700).unwrap();
+    assert_eq!(master.read_raw_goal_position(18).unwrap(), [700]);
+    bus.until(3, |servo| servo["position"] == 700.0);
+    assert_eq!(master.read_raw_present_position(18).unwrap(), [700]);
+    assert_eq!(master.read_moving(18).unwrap(), [0]);
+    let truth = bus.servo(3);
+    assert_eq!(
+        (&truth["id"], &truth["speed"], &truth["torque"]),
+        (&json!(18), &json!(300), &json!(true))
+    );
+    // Nobody else was meant.
+    assert_eq!(bus.servo(0)["goal"], 512);
+}
+
+#[test]
+fn an_independent_masters_sync_write_reaches_each_servo_with_its_own_value() {
+    let bus = Bus::start(&["--servos", "1-6"]);
+    let mut master = bus.master();
+    let ids: Vec<u8> = (1..=6).collect();
+    let goals: Vec<u16> = (1..=6).map(|k| 500 + 10 * k).collect();
+    master.sync_write_torque_enable(&ids, &[1; 6]).unwrap();
+    master.sync_write_raw_goal_position(&ids, &goals).unwrap();
+    for (index, goal) in goals.iter().enumerate() {
+        bus.until(index, |servo| servo["position"] == f64::from(*goal));
+        assert_eq!(master.read_raw_present_position(ids[index]).unwrap(), [*goal]);
+    }
+}
+
+#[test]
+fn an_independent_master_sees_refusals_and_a_pulled_plug() {
+    let bus = Bus::start(&["--servos", "1,2"]);
+    let mut port = bus.port();
+    let handler = DynamixelProtocolHandler::v1();
+    let (_, error) = handler.read_with_error(port.as_mut(), 1, 49, 2).unwrap();
+    assert_eq!(error.byte(), 0x08, "a range error");
+    let error = handler.write_with_error(port.as_mut(), 1, 30, &[0, 4]).unwrap();
+    assert_eq!(error.byte(), 0x08, "1024 is no position");
+    assert_eq!(handler.read(port.as_mut(), 1, 30, 2).unwrap(), [0, 2]);
+
+    assert_eq!(bus.ask(json!({"set": {"unplugged": [1]}})), json!({"ok": true}));
+    assert!(!handler.ping(port.as_mut(), 1).unwrap() && handler.ping(port.as_mut(), 2).unwrap());
+    assert_eq!(bus.ask(json!({"set": {"unplugged": []}})), json!({"ok": true}));
+    assert!(handler.ping(port.as_mut(), 1).unwrap());
+
+    let error = bus.ask(json!({"set": {"unplugged": [1], "jammed": [3]}}));
+    assert_eq!(error["error"], "jammed: expected a list of IDs out of [1, 2]");
+    assert!(handler.ping(port.as_mut(), 1).unwrap(), "and nothing was changed");
+}
+
+#[test]
+fn what_is_wrong_with_the_servos_is_named_in_one_line() {
+    for (options, said) in [
+        (
+            &["ax12-bus", "--servos", "6-1"][..],
+            "--servos 6-1: expected IDs from 0 to 253, as 1-6 or 1,2,5-7",
+        ),
+        (
+            &["ax12-bus", "--servos", "254"],
+            "--servos 254: expected IDs from 0 to 253, as 1-6 or 1,2,5-7",
+        ),
+        (
+            &["ax12-bus", "--servos", "1,,2"],
+            "--servos 1,,2: expected IDs from 0 to 253, as 1-6 or 1,2,5-7",
+        ),
+        (
+            &["ax12-bus", "--line-rate", "0"],
+            "--line-rate 0: a servo bus takes its time, give 9600 or more",
+        ),
+        (&["pms5005", "--servos", "1"], "--servos: not for pms5005, only for ax12-bus"),
+    ] {
+        let output =
+            Command::new(env!("CARGO_BIN_EXE_virtual-board")).args(options).output().unwrap();
+        assert_eq!(output.status.code(), Some(2));
+        assert_eq!(String::from_utf8(output.stderr).unwrap(), format!("virtual-board: {said}\n"));
+    }
+}
