@@ -28,14 +28,18 @@ fn hear<'a, const N: usize>(
 }
 
 /// The packets of at most `longest` bytes in a stream, by the slowest method there is: try every
-/// place.
+/// place. A packet has an ID other than 255, LEN counts the bytes behind it, and the bytes from ID
+/// on add up to 255 with the checksum.
 fn search(stream: &[u8], longest: usize) -> Vec<Vec<u8>> {
     let mut packets = Vec::new();
     let mut rest = stream;
     while !rest.is_empty() {
-        let length = rest.get(3).map_or(0, |&len| usize::from(len) + 4);
-        let found = rest.get(..length).filter(|_| length <= longest);
-        let found = found.filter(|packet| Packet::parse(packet).is_ok());
+        let found = match rest {
+            [0xFF, 0xFF, 0..=254, len @ 2..=255, ..] => rest.get(..usize::from(*len) + 4),
+            _ => None,
+        };
+        let sum = |packet: &[u8]| packet[2..].iter().map(|byte| u32::from(*byte)).sum::<u32>();
+        let found = found.filter(|packet| packet.len() <= longest && sum(packet) % 256 == 255);
         rest = &rest[found.map_or(1, <[u8]>::len)..];
         packets.extend(found.map(<[u8]>::to_vec));
     }

@@ -295,6 +295,15 @@ fn a_master_that_talks_into_an_answer_spoils_both() {
     assert_eq!(master.ask_raw(&encoded(2, Instruction::Ping)), []);
     // Nothing is left of it.
     assert!(master.ping(2) && master.ping(1));
+    // A single byte from the middle of the answer's second to that of its third.
+    let sent_us = master.now_us;
+    master.bus.send(sent_us * 1000, &encoded(1, Instruction::Ping));
+    master.run(75);
+    let heard: Vec<_> = master.send(&[0]).into_iter().map(|(_, byte)| byte).collect();
+    let sound = [0xFF, 0xFF, 0x01, 0x02, 0x00, 0xFC];
+    assert_eq!(heard.len(), 6);
+    let spoilt: Vec<_> = (0..6).filter(|&at| heard[at] != sound[at]).collect();
+    assert_eq!(spoilt, [1, 2]);
 }
 
 #[test]
