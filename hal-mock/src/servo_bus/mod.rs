@@ -35,7 +35,8 @@ pub use end::{MasterEnd, MasterRx, MasterTx};
 
 /// How long a servo is busy with a byte of EEPROM (facts: about 6 ms).
 const EEPROM_BYTE_NS: u64 = 6_000_000;
-/// The silence that ends an incomplete instruction (manual, "Byte to Byte Time").
+/// The silence that ends an incomplete instruction. The facts do not say; 100 ms is what the maker
+/// is known to have stated.
 const BYTE_TIMEOUT_NS: u64 = 100_000_000;
 /// The longest stall within an answer (facts).
 const LONGEST_STALL_NS: u64 = 150_000;
@@ -227,7 +228,7 @@ impl ServoBus {
         }
     }
 
-    /// What each one on the wire sends: the master, then the servos.
+    /// What everyone on the wire sends: the master, then the servos.
     fn talkers(&self) -> impl Iterator<Item = &VecDeque<Byte>> {
         std::iter::once(&self.master).chain(self.sockets.iter().map(|socket| &socket.answer))
     }

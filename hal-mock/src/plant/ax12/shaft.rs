@@ -138,10 +138,12 @@ impl Shaft {
         let blocked = world.jammed || too_weak;
         if !driven || blocked || error == 0.0 {
             self.speed = 0.0;
-            self.torque = match () {
-                () if !driven => 0.0,
-                () if world.jammed => push,
-                () => needed.clamp(-drive.torque_limit, drive.torque_limit),
+            self.torque = if !driven {
+                0.0
+            } else if world.jammed {
+                push
+            } else {
+                needed.clamp(-drive.torque_limit, drive.torque_limit)
             };
         } else {
             let way = (fastest * POSITIONS_PER_SPEED * STEP_S).min(error.abs());
