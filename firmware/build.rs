@@ -1,5 +1,5 @@
-//! For the boards: names the linker scripts of the images, and where memory.x is (the top level).
-//! On a computer there is nothing to do.
+//! For the boards: sees that exactly one is chosen, names the linker scripts of the images, and
+//! where memory.x is (the top level). On a computer there is nothing to do.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
@@ -9,6 +9,19 @@ fn main() {
         println!("cargo::rustc-link-search={}/..", variable("CARGO_MANIFEST_DIR"));
         for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
             println!("cargo::rustc-link-arg-bins={argument}");
+        }
+        // Two of different chips do not come so far: embassy's own script refuses them
+        // ("Multiple stm32xx Cargo features enabled").
+        let boards = std::env::vars()
+            .filter(|(name, _)| {
+                name.starts_with("CARGO_FEATURE_BOARD_") || name == "CARGO_FEATURE_QEMU"
+            })
+            .count();
+        if boards != 1 && !variable("CARGO_FEATURE_STM32F4").is_empty() {
+            println!(
+                "cargo::error=choose exactly one board, not {boards}: --features board-f407, \
+                 board-f446, ... or qemu (firmware/src/board/README.md)"
+            );
         }
     }
 }

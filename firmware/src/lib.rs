@@ -26,7 +26,7 @@
 mod fmt;
 
 pub mod app;
-#[cfg(all(target_os = "none", feature = "f407"))]
+#[cfg(all(target_os = "none", feature = "stm32f4"))]
 #[allow(unsafe_code)] // registers and interrupt vectors; every block says why it may
 pub mod board;
 pub mod command;

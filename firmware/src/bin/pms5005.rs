@@ -1,4 +1,4 @@
-//! The PMS5005 on an STM32F407: the library's tasks over the board's parts.
+//! The PMS5005 on the board that a cargo feature selects: the library's tasks over its parts.
 //!
 //! Three executors: control on an interrupt above sensing on another, so that a control period
 //! never waits; link, display and supervision in the thread.
@@ -12,10 +12,9 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
 use firmware::app;
-use firmware::board::f407::{self, Board, Motion};
 use firmware::board::line::{Receiver, Sender};
-use firmware::board::sensing::Sensing;
 use firmware::board::ssd1306::Ssd1306;
+use firmware::board::{self, Board, Motion, Sensing};
 use firmware::controller::Controller;
 use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::settings::Settings;
@@ -71,7 +70,7 @@ async fn link(
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog } =
-        BOARD.init_with(f407::start);
+        BOARD.init_with(board::start);
     let all = &*CHANNELS.init_with(Channels::new);
     let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
     let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT.link, Instant::now()));

@@ -17,46 +17,61 @@
 //! Two streams step side by side, and neither can lose a step unnoticed: a sample that the DMA is
 //! too late for sets the ADC's overrun flag, which stops its requests; a bus error stops a stream.
 //! [`Analog::check`] looks for both and starts the two anew, together.
+//!
+//! ADC1, TIM8 and DMA2's streams 0 and 1 are the chip's choice more than ours: of the timers that
+//! make a bridge's PWM only TIM8's TRGO starts ADC1, and only stream 1 hears its update (RM0090
+//! table 43, "External trigger for regular channels"; RM0390 has the same).
 
 use core::sync::atomic::{AtomicU16, Ordering};
 
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{AnyAdcChannel, RxDma};
-use embassy_stm32::gpio::Output;
+use embassy_stm32::gpio::{AnyPin, Speed};
 use embassy_stm32::pac::adc::vals::{Dds, Exten, SampleTime};
 use embassy_stm32::pac::adccommon::vals::Adcpre;
 use embassy_stm32::pac::dma::vals::{Dir, Size};
 use embassy_stm32::pac::timer::vals::{Mms, Ocm};
-use embassy_stm32::pac::{self, ADC1, DMA2, TIM8};
+use embassy_stm32::pac::{self, ADC1, TIM8};
 use embassy_stm32::peripherals::{self, DMA2_CH0, DMA2_CH1};
 use embassy_stm32::timer::UpDma;
+use protocol::pms5005::CHANNELS;
 
-use super::dma::Round;
+use super::dma::{Round, Stream};
+use super::drives::Lines;
+use crate::ports::Sensors;
 
 /// Multiplexers.
-pub const MULTIPLEXERS: usize = 3;
+const MULTIPLEXERS: usize = 3;
+/// Their names in the wiring table.
+const A: usize = 0;
+const B: usize = 1;
+const C: usize = 2;
 /// Addresses of each.
-pub const ADDRESSES: usize = 16;
+const ADDRESSES: usize = 16;
 
 /// Scan by scan: address 0 of each multiplexer, address 1 of each, and so on. The DMA writes it.
 static SAMPLES: [AtomicU16; MULTIPLEXERS * ADDRESSES] =
     [const { AtomicU16::new(0) }; MULTIPLEXERS * ADDRESSES];
 
-/// The first of the four address lines, S0 to S3, on adjacent pins of port B.
-const ADDRESS_PIN: u32 = 10;
+/// The four address lines S0 to S3, and the way round all addresses.
+pub struct Addresses {
+    lines: Lines,
+    /// What is written to BSRR to go to the next address, the DMA's source.
+    next: [u32; ADDRESSES],
+}
 
-/// What is written to GPIOB's BSRR to go to the next address, the DMA's source.
-static NEXT_ADDRESS: [u32; ADDRESSES] = {
-    let mut words = [0; ADDRESSES];
-    let mut i = 0;
-    while i < ADDRESSES {
-        let address = ((i + 1) % ADDRESSES) as u32; // below 16
-        // The upper half of BSRR resets, the lower sets and has precedence (RM0090 8.4.7).
-        words[i] = 0xF << (ADDRESS_PIN + 16) | address << ADDRESS_PIN;
-        i += 1;
+impl Addresses {
+    /// On these four lines.
+    pub const fn new(lines: Lines) -> Self {
+        let mut next = [0; ADDRESSES];
+        let mut i = 0;
+        while i < ADDRESSES {
+            next[i] = lines.word(((i + 1) % ADDRESSES) as u32); // below 16
+            i += 1;
+        }
+        Self { lines, next }
     }
-    words
-};
+}
 
 /// Timer ticks (168 MHz) from the change of the address to the samples: 30 us for the multiplexer
 /// and a potentiometer's 2.5 kOhm to settle. The three conversions take (84 + 12) cycles of
@@ -67,34 +82,40 @@ const TRIGGER: u16 = 5040;
 /// regular channels").
 const TIM8_TRGO: u8 = 0b1110;
 
-/// The newest sample of an input, 0 to 4095.
+/// The newest samples of a multiplexer's inputs, 0 to 4095.
 ///
 /// # Panics
-/// If there is no such multiplexer or address.
-pub fn sample(multiplexer: usize, address: usize) -> u16 {
-    SAMPLES[address * MULTIPLEXERS + multiplexer].load(Ordering::Relaxed)
+/// If there are not that many from `first` on.
+fn samples<const N: usize>(multiplexer: usize, first: usize) -> [u16; N] {
+    core::array::from_fn(|i| {
+        SAMPLES[(first + i) * MULTIPLEXERS + multiplexer].load(Ordering::Relaxed)
+    })
 }
 
 /// The scan.
 pub struct Analog {
+    addresses: &'static Addresses,
     select: Round,
     sample: Round,
     /// How often the scan was started anew.
     restarts: u32,
-    /// Kept, or the pins would fall back to inputs.
-    _addresses: [Output<'static>; 4],
 }
 
 impl Analog {
     /// Prepares ADC1 and TIM8's side of the scan, and starts it. TIM8 runs at the PWM's rate
-    /// already.
+    /// already. `pins` are those of the address lines, `inputs` the common pins of A, B and C.
+    ///
+    /// # Panics
+    /// If `pins` are others than `addresses` names.
     pub fn new(
         _adc: Peri<'static, peripherals::ADC1>,
         inputs: [AnyAdcChannel<'static, peripherals::ADC1>; MULTIPLEXERS],
-        addresses: [Output<'static>; 4],
+        addresses: &'static Addresses,
+        pins: [Peri<'static, AnyPin>; 4],
         select: Peri<'static, DMA2_CH1>,
         sample: Peri<'static, DMA2_CH0>,
     ) -> Self {
+        addresses.lines.claim(pins, Speed::Medium);
         pac::RCC.apb2enr().modify(|w| w.set_adc1en(true));
         pac::ADC123_COMMON.ccr().modify(|w| w.set_adcpre(Adcpre::DIV4));
         ADC1.cr1().write(|w| w.set_scan(true));
@@ -115,28 +136,26 @@ impl Analog {
         TIM8.cr2().modify(|w| w.set_mms(Mms::COMPARE_OC4));
 
         let mut analog = Self {
+            addresses,
             select: Round {
-                dma: DMA2,
-                stream: 1,
+                stream: Stream::of(&select),
                 request: UpDma::<peripherals::TIM8>::request(&*select),
                 direction: Dir::MEMORY_TO_PERIPHERAL,
                 width: Size::BITS32,
-                register: pac::GPIOB.bsrr().as_ptr() as u32, // addresses: 32 bits
-                memory: NEXT_ADDRESS.as_ptr() as u32,
+                register: addresses.lines.port.bsrr().as_ptr() as u32, // 32 bits
+                memory: addresses.next.as_ptr() as u32,
                 items: ADDRESSES as u16,
             },
             sample: Round {
-                dma: DMA2,
-                stream: 0,
+                stream: Stream::of(&sample),
                 request: RxDma::<peripherals::ADC1>::request(&*sample),
                 direction: Dir::PERIPHERAL_TO_MEMORY,
                 width: Size::BITS16,
-                register: ADC1.dr().as_ptr() as u32, // addresses: 32 bits
+                register: ADC1.dr().as_ptr() as u32,
                 memory: SAMPLES.as_ptr() as u32,
                 items: SAMPLES.len() as u16,
             },
             restarts: 0,
-            _addresses: addresses,
         };
         analog.start();
         analog
@@ -148,7 +167,7 @@ impl Analog {
         TIM8.dier().modify(|w| w.set_ude(false));
         ADC1.cr2().write(|_| {});
         ADC1.sr().write(|_| {}); // the overrun flag blocks DMA until it is cleared
-        pac::GPIOB.bsrr().write_value(pac::gpio::regs::Bsrr(0xF << (ADDRESS_PIN + 16)));
+        self.addresses.lines.write(0);
         // SAFETY: both buffers are statics of the lengths given; the DMA writes only SAMPLES,
         // which is atomic.
         unsafe {
@@ -176,5 +195,26 @@ impl Analog {
             defmt::warn!("analogue scan: {} restarts (overrun: {})", self.restarts, overrun);
             self.start();
         }
+    }
+
+    /// Potentiometers 1 to 6.
+    pub fn potentiometers() -> [u16; CHANNELS] {
+        samples(A, 0)
+    }
+
+    /// Motor currents 1 to 6.
+    pub fn currents() -> [u16; CHANNELS] {
+        samples(B, 0)
+    }
+
+    /// Fills in the other inputs.
+    pub fn read(sensors: &mut Sensors) {
+        sensors.custom_ad = samples(A, 6);
+        sensors.reference = samples(A, 14);
+        sensors.human = samples(B, 6);
+        sensors.tilt = samples(B, 10);
+        sensors.overheat = samples(B, 12);
+        [sensors.temperature, sensors.ir_range] = samples(B, 14);
+        sensors.battery = samples(C, 0);
     }
 }

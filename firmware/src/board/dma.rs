@@ -2,15 +2,70 @@
 //!
 //! A stream is claimed by passing its embassy token to whoever starts it; nothing else touches it.
 
+use embassy_stm32::Peri;
+use embassy_stm32::dma::ChannelInstance;
+use embassy_stm32::interrupt::typelevel::Interrupt as _;
 use embassy_stm32::pac::dma::Dma;
+use embassy_stm32::pac::dma::regs::Ixr;
 use embassy_stm32::pac::dma::vals::{Dir, Size};
+use embassy_stm32::pac::{DMA1, DMA2, Interrupt};
+
+/// A stream of one of the two controllers. RM0090's streams are embassy's channels.
+#[derive(Clone, Copy)]
+pub struct Stream {
+    dma: Dma,
+    /// 0 to 7.
+    number: usize,
+}
+
+impl Stream {
+    /// The one that a token stands for, which only its interrupt tells.
+    pub fn of<C: ChannelInstance>(_token: &Peri<'static, C>) -> Self {
+        let (dma, number) = match C::Interrupt::IRQ {
+            Interrupt::DMA1_STREAM0 => (DMA1, 0),
+            Interrupt::DMA1_STREAM1 => (DMA1, 1),
+            Interrupt::DMA1_STREAM2 => (DMA1, 2),
+            Interrupt::DMA1_STREAM3 => (DMA1, 3),
+            Interrupt::DMA1_STREAM4 => (DMA1, 4),
+            Interrupt::DMA1_STREAM5 => (DMA1, 5),
+            Interrupt::DMA1_STREAM6 => (DMA1, 6),
+            Interrupt::DMA1_STREAM7 => (DMA1, 7),
+            Interrupt::DMA2_STREAM0 => (DMA2, 0),
+            Interrupt::DMA2_STREAM1 => (DMA2, 1),
+            Interrupt::DMA2_STREAM2 => (DMA2, 2),
+            Interrupt::DMA2_STREAM3 => (DMA2, 3),
+            Interrupt::DMA2_STREAM4 => (DMA2, 4),
+            Interrupt::DMA2_STREAM5 => (DMA2, 5),
+            Interrupt::DMA2_STREAM6 => (DMA2, 6),
+            Interrupt::DMA2_STREAM7 => (DMA2, 7),
+            _ => unreachable!("a channel's interrupt is a stream's"),
+        };
+        Self { dma, number }
+    }
+
+    /// Items to go until the buffer's end.
+    #[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
+    pub fn remaining(self) -> u16 {
+        self.dma.st(self.number).ndtr().read().ndt()
+    }
+
+    /// Whether the stream has come to its buffer's end since the flags were last cleared.
+    #[cfg(not(feature = "qemu"))] // as above
+    pub fn came_round(self) -> bool {
+        self.dma.isr(self.number / 4).read().tcif(self.number % 4)
+    }
+
+    /// Clears all five of the stream's flags. Four streams share a register (RM0090 10.5.3).
+    pub fn clear_flags(self) {
+        let first = [0, 6, 16, 22][self.number % 4];
+        self.dma.ifcr(self.number / 4).write_value(Ixr(0b11_1101 << first));
+    }
+}
 
 /// What a stream does.
 pub struct Round {
-    /// Controller and stream number.
-    pub dma: Dma,
-    /// 0 to 7.
-    pub stream: usize,
+    /// Which stream.
+    pub stream: Stream,
     /// Request ("channel" in RM0090 tables 42 and 43).
     pub request: u8,
     /// Which way.
@@ -32,7 +87,7 @@ impl Round {
     /// `memory` holds `items` items for ever, and may be written by the DMA if the direction is
     /// from the peripheral.
     pub unsafe fn start(&self) {
-        let stream = self.dma.st(self.stream);
+        let stream = self.stream.dma.st(self.stream.number);
         stream.cr().write(|_| {});
         // The stream ends its current item first (RM0090 10.3.17): a few bus cycles. The bound is
         // for QEMU and for broken silicon.
@@ -41,7 +96,7 @@ impl Round {
                 break;
             }
         }
-        clear_flags(self.dma, self.stream);
+        self.stream.clear_flags();
         stream.par().write_value(self.register);
         stream.m0ar().write_value(self.memory);
         stream.ndtr().write(|w| w.set_ndt(self.items));
@@ -58,23 +113,7 @@ impl Round {
 
     /// Whether a bus error has stopped the stream.
     pub fn failed(&self) -> bool {
-        self.dma.isr(self.stream / 4).read().teif(self.stream % 4)
+        let Stream { dma, number } = self.stream;
+        dma.isr(number / 4).read().teif(number % 4)
     }
-}
-
-/// Whether the stream has come to its buffer's end since the flags were last cleared.
-#[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
-pub fn came_round(dma: Dma, stream: usize) -> bool {
-    dma.isr(stream / 4).read().tcif(stream % 4)
-}
-
-/// Clears all of the stream's flags.
-pub fn clear_flags(dma: Dma, stream: usize) {
-    dma.ifcr(stream / 4).write(|w| {
-        w.set_tcif(stream % 4, true);
-        w.set_htif(stream % 4, true);
-        w.set_teif(stream % 4, true);
-        w.set_dmeif(stream % 4, true);
-        w.set_feif(stream % 4, true);
-    });
 }

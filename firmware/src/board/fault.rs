@@ -8,7 +8,7 @@ use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 
-use super::f407::safe_state;
+use super::safe_state;
 
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {

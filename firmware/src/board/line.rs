@@ -1,4 +1,4 @@
-//! The host's line: USART2, 115200 8N1, `embedded_io_async`'s `Read` and `Write`.
+//! The host's line: a UART, 115200 8N1, `embedded_io_async`'s `Read` and `Write`.
 //!
 //! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at every
 //! [`LOOK_PERIOD`]. embassy's own receivers are not used, because each of their looks reads the
@@ -10,84 +10,86 @@
 //! byte fills a pipe, and sending is polled.
 
 #[cfg(not(feature = "qemu"))]
-pub use real::{Receiver, Sender, new};
+pub use real::{InterruptHandler, Receiver, Sender, new};
 #[cfg(feature = "qemu")]
-pub use under_qemu::{Receiver, Sender, new};
+pub use under_qemu::{InterruptHandler, Receiver, Sender, new};
 
 use embassy_stm32::Peri;
-use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, PA2, PA3, USART2};
+use embassy_stm32::pac::usart::Usart;
+use embassy_stm32::usart::{Instance, RxDma, RxPin, TxDma, TxPin};
 
 /// Room for what arrives while the link's task is held up: 256 bytes take 22 ms at 115200 baud;
 /// the longest hold-up is a picture's 2 ms on the display.
 const RING: usize = 256;
 
 /// What the line is made of. The compiler checks each pin and stream against the chip.
-pub struct Parts {
+pub struct Parts<T: Instance, Rx: RxPin<T>, Tx: TxPin<T>, RxD: RxDma<T>, TxD: TxDma<T>> {
     /// The UART.
-    pub usart: Peri<'static, USART2>,
+    pub usart: Peri<'static, T>,
+    /// Its registers.
+    pub registers: Usart,
     /// From the host.
-    pub rx: Peri<'static, PA3>,
+    pub rx: Peri<'static, Rx>,
     /// To the host.
-    pub tx: Peri<'static, PA2>,
+    pub tx: Peri<'static, Tx>,
     /// Fills the ring.
-    pub rx_dma: Peri<'static, DMA1_CH5>,
+    pub rx_dma: Peri<'static, RxD>,
     /// Sends.
-    pub tx_dma: Peri<'static, DMA1_CH6>,
+    pub tx_dma: Peri<'static, TxD>,
 }
 
 #[cfg(not(feature = "qemu"))]
 mod real {
     use core::sync::atomic::{AtomicU8, Ordering};
 
+    use embassy_stm32::dma;
+    use embassy_stm32::interrupt::typelevel::Binding;
     use embassy_stm32::mode::Async;
     use embassy_stm32::pac::dma::vals::{Dir, Size};
-    use embassy_stm32::pac::{self, DMA1};
-    use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, USART2};
-    use embassy_stm32::usart::{Config, RxDma, Uart, UartRx, UartTx};
-    use embassy_stm32::{bind_interrupts, dma, usart};
+    use embassy_stm32::pac::usart::Usart;
+    pub use embassy_stm32::usart::InterruptHandler;
+    use embassy_stm32::usart::{
+        self, Config, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx,
+    };
     use embassy_time::{Duration, Timer};
     use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 
-    use super::super::dma::{Round, came_round, clear_flags};
+    use super::super::dma::{Round, Stream};
     use super::{Parts, RING};
-
-    bind_interrupts!(struct Irqs {
-        USART2 => usart::InterruptHandler<USART2>;
-        DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
-        DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
-    });
 
     /// The ring is looked at this often. It bounds the answer's delay, and costs some 0.2 % of the
     /// processor.
     const LOOK_PERIOD: Duration = Duration::from_millis(1);
 
-    /// The stream that fills the ring.
-    const STREAM: usize = 5;
-
     /// Written by the DMA.
     static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
 
-    /// Both halves of the line, receiving.
-    pub fn new(parts: Parts) -> (Receiver, Sender) {
-        let request = RxDma::<USART2>::request(&*parts.rx_dma);
-        let Parts { usart, rx, tx, rx_dma, tx_dma } = parts;
-        // 115200 8N1 are embassy's defaults, which this clock can make.
-        let uart = Uart::new(usart, rx, tx, tx_dma, rx_dma, Irqs, Config::default());
-        let (tx, rx) = defmt::unwrap!(uart).split();
+    /// Both halves of the line, receiving. `interrupts` are those of the UART and of both streams.
+    pub fn new<T: Instance, RxD: RxDma<T>, TxD: TxDma<T>>(
+        parts: Parts<T, impl RxPin<T>, impl TxPin<T>, RxD, TxD>,
+        interrupts: impl Binding<T::Interrupt, InterruptHandler<T>>
+        + Binding<RxD::Interrupt, dma::InterruptHandler<RxD>>
+        + Binding<TxD::Interrupt, dma::InterruptHandler<TxD>>
+        + 'static,
+    ) -> (Receiver, Sender) {
+        let Parts { usart, registers, rx, tx, rx_dma, tx_dma } = parts;
         let ring = Round {
-            dma: DMA1,
-            stream: STREAM,
-            request,
+            stream: Stream::of(&rx_dma),
+            request: rx_dma.request(),
             direction: Dir::PERIPHERAL_TO_MEMORY,
             width: Size::BITS8,
-            register: pac::USART2.dr().as_ptr() as u32, // addresses: 32 bits
+            register: registers.dr().as_ptr() as u32, // addresses: 32 bits
             memory: BYTES.as_ptr() as u32,
             items: RING as u16,
         };
+        // 115200 8N1 are embassy's defaults, which this clock can make.
+        let uart = Uart::new(usart, rx, tx, tx_dma, rx_dma, interrupts, Config::default());
+        let (tx, rx) = defmt::unwrap!(uart).split();
         // SAFETY: BYTES is a static of RING atomic bytes; the stream is ours through `_uart`.
         unsafe { ring.start() };
-        pac::USART2.cr3().modify(|w| w.set_dmar(true));
-        (Receiver { tail: 0, damaged: false, _uart: rx }, Sender(tx))
+        registers.cr3().modify(|w| w.set_dmar(true));
+        let stream = ring.stream;
+        (Receiver { registers, stream, tail: 0, damaged: false, _uart: rx }, Sender(tx))
     }
 
     /// What can happen to what the host sends.
@@ -118,6 +120,9 @@ mod real {
 
     /// The receiving half.
     pub struct Receiver {
+        registers: Usart,
+        /// Fills the ring.
+        stream: Stream,
         /// Where the next byte is read.
         tail: usize,
         /// The error flags stand, and have been reported.
@@ -130,7 +135,7 @@ mod real {
         /// Takes what has arrived.
         fn take(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
             // Reading the status alone clears nothing; the DMA's next reading of the data does.
-            let status = pac::USART2.sr().read();
+            let status = self.registers.sr().read();
             let damaged = status.fe() || status.ne() || status.ore();
             if damaged && !core::mem::replace(&mut self.damaged, damaged) {
                 return Err(LineError::Damaged);
@@ -138,12 +143,12 @@ mod real {
             self.damaged = damaged;
             // The flag first: if the DMA comes round in between, the flag stays for the next look,
             // which then finds the head behind the tail.
-            let came_round = came_round(DMA1, STREAM);
-            let head = (RING - usize::from(DMA1.st(STREAM).ndtr().read().ndt())) % RING;
+            let came_round = self.stream.came_round();
+            let head = (RING - usize::from(self.stream.remaining())) % RING;
             if head < self.tail {
-                clear_flags(DMA1, STREAM);
+                self.stream.clear_flags();
             } else if came_round {
-                clear_flags(DMA1, STREAM);
+                self.stream.clear_flags();
                 self.tail = head;
                 return Err(LineError::Overrun);
             }
@@ -198,11 +203,15 @@ mod real {
 mod under_qemu {
     use core::convert::Infallible;
 
-    use embassy_stm32::interrupt;
-    use embassy_stm32::interrupt::InterruptExt;
+    use core::marker::PhantomData;
+
+    use embassy_stm32::interrupt::typelevel::{self, Binding, Handler, Interrupt};
     use embassy_stm32::mode::Blocking;
     use embassy_stm32::pac;
-    use embassy_stm32::usart::{self, Config, Uart, UartRx, UartTx};
+    use embassy_stm32::peripherals::USART2;
+    use embassy_stm32::usart::{
+        self, Config, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx,
+    };
     use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
     use embassy_sync::pipe::Pipe;
     use embedded_io_async::{ErrorType, Read, Write};
@@ -211,23 +220,33 @@ mod under_qemu {
 
     static BYTES: Pipe<CriticalSectionRawMutex, RING> = Pipe::new();
 
-    #[interrupt]
-    fn USART2() {
-        while pac::USART2.sr().read().rxne() {
-            let byte = pac::USART2.dr().read().dr() as u8; // 8 data bits
-            if BYTES.try_write(&[byte]).is_err() {
-                defmt::warn!("receive ring overrun");
+    /// For the UART of the only board that QEMU has.
+    pub struct InterruptHandler<T>(PhantomData<T>);
+
+    impl Handler<typelevel::USART2> for InterruptHandler<USART2> {
+        unsafe fn on_interrupt() {
+            while pac::USART2.sr().read().rxne() {
+                let byte = pac::USART2.dr().read().dr() as u8; // 8 data bits
+                if BYTES.try_write(&[byte]).is_err() {
+                    defmt::warn!("receive ring overrun");
+                }
             }
         }
     }
 
     /// Both halves of the line, receiving.
-    pub fn new(parts: Parts) -> (Receiver, Sender) {
+    pub fn new<T: Instance, RxD: RxDma<T>, TxD: TxDma<T>>(
+        parts: Parts<T, impl RxPin<T>, impl TxPin<T>, RxD, TxD>,
+        _interrupts: impl Binding<T::Interrupt, InterruptHandler<T>>,
+    ) -> (Receiver, Sender)
+    where
+        InterruptHandler<T>: Handler<T::Interrupt>,
+    {
         let uart = Uart::new_blocking(parts.usart, parts.rx, parts.tx, Config::default());
         let (tx, rx) = defmt::unwrap!(uart).split();
-        pac::USART2.cr1().modify(|w| w.set_rxneie(true));
+        parts.registers.cr1().modify(|w| w.set_rxneie(true));
         // SAFETY: the handler above touches nothing but the receive side and its pipe.
-        unsafe { interrupt::USART2.enable() };
+        unsafe { T::Interrupt::enable() };
         (Receiver { _uart: rx }, Sender(tx))
     }
 

@@ -1,10 +1,15 @@
 //! Boards: what the ports are made of on an STM32F4. Target only.
 //!
-//! One file a board ([`f407`]: pins, timers, DMA streams and who owns them), over parts that any
-//! board can use:
+//! One file a board: its pins, timers, DMA streams and interrupts, and who owns them. Everything
+//! is claimed from embassy's tokens, so nothing can be claimed twice, and every pin's alternate
+//! function is checked by the traits of the chip. The file stands over parts that know only what
+//! it gives them:
 //!
 //! | part | what it is |
 //! |---|---|
+//! | `boot` | 168 MHz, the watchdog, why the board was reset |
+//! | [`drives`] | bridges, servos, output port by registers alone, and their safe state |
+//! | [`motion`] | those, the encoders and the fast inputs as one port |
 //! | [`analog`] | 48 analogue inputs through three multiplexers, scanned without the CPU |
 //! | [`line`] | the host's UART |
 //! | [`sensing`] | ultrasonic rangers, infrared remote, the slow sensors' port |
@@ -12,63 +17,56 @@
 //! | `fault` | panic and hard fault: outputs safe first |
 //! | `systick` | the clock under QEMU, whose timers cannot compare |
 //!
-//! Vocabulary: a *compare value* is what a timer compares its counter with: the length of the
-//! high part of a PWM period, in timer ticks. A *stage* is how a bridge wants to be told its duty.
+//! Promise: whatever happens, [`safe_state`] disables every bridge, ends every servo pulse and
+//! lowers every output; it needs no stack to speak of and no initialisation.
 //!
-//! Promise: whatever happens, [`f407::safe_state`] disables every bridge, ends every servo pulse
-//! and lowers every output; it needs no stack to speak of and no initialisation.
+//! # Another board
+//! Adding a board is adding one file, for every STM32F4 that runs at 168 MHz and has 512 KiB of
+//! flash and 128 KiB of RAM in one piece (F405, F407, F427, F446 and alike; memory.x). The smaller
+//! ones (F401, F411) lack TIM8, which paces the analogue scan.
+//!
+//! 1. Copy `f446.rs`, and give it your pins, timers and streams. What the chip cannot do does not
+//!    compile; what the board has on its pins already, only its manual knows.
+//! 2. Leave out what there is no pin for: the lists of [`drives::Drives`] may be shorter, and
+//!    [`sensing::Sensing`] says how many rangers and inputs there are.
+//! 3. Name it: a feature beside `board-f446` in firmware/Cargo.toml, and a line above
+//!    `mod selected` here. A row in `.ci/images` has it built in CI, an alias in
+//!    .cargo/config.toml tells the probe its chip.
 
+mod boot;
 mod dma;
 mod fault;
 #[cfg(feature = "qemu")]
 mod systick;
 
 pub mod analog;
-pub mod f407;
+pub mod drives;
 pub mod line;
+pub mod motion;
 pub mod sensing;
 pub mod ssd1306;
 
-use crate::units::{Duty, ServoPulse};
+#[cfg_attr(any(feature = "board-f407", feature = "qemu"), path = "f407.rs")]
+#[cfg_attr(feature = "board-f446", path = "f446.rs")]
+mod selected;
 
-/// How the bridges want their duty.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// One PWM line: high drives forward, low drives in reverse, half and half is stop, as on the
-    /// original's driver boards. The direction lines stay low.
-    LockedAntiPhase,
-    /// A direction line (high is forward) and a PWM line that is the magnitude.
-    SignMagnitude,
-}
+pub use selected::{Motion, Sensing, safe_state, start};
 
-impl Stage {
-    /// The compare value for a duty, of `period` timer ticks in a PWM period.
-    pub const fn compare(self, duty: Duty, period: u32) -> u32 {
-        const FULL: i32 = Duty::FULL as i32;
-        let raw = duty.raw() as i32;
-        // 32768 * 8400 fits 32 bits; a Duty is within -FULL..=FULL, so the sum is not negative.
-        match self {
-            Self::LockedAntiPhase => (FULL + raw) as u32 * period / (2 * FULL as u32),
-            Self::SignMagnitude => raw.unsigned_abs() * period / FULL as u32,
-        }
-    }
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::wdg::IndependentWatchdog;
 
-    /// Level of the direction line.
-    pub const fn forward(self, duty: Duty) -> bool {
-        matches!(self, Self::SignMagnitude) && duty.raw() > 0
-    }
-}
-
-/// Servo timers count at 3 MHz: a third finer than the protocol's 1/2250 ms, 4 ticks for 3 of its
-/// counts, and 20 ms are 60000 ticks, which fit 16 bits.
-pub const SERVO_TICK_HZ: u32 = 3_000_000;
-/// Ticks in a servo's period of 20 ms.
-pub const SERVO_PERIOD: u16 = 60_000;
-
-/// The compare value for a servo's pulse; 0 is no pulse.
-pub const fn servo_compare(pulse: Option<ServoPulse>) -> u16 {
-    match pulse {
-        Some(pulse) => (pulse.raw() as u32 * 4 / 3) as u16, // 7000 * 4 / 3 fits
-        None => 0,
-    }
+/// The board's parts, each for its task.
+pub struct Board {
+    /// For `app::control`.
+    pub motion: Motion,
+    /// Its own task.
+    pub sensing: Sensing,
+    /// For `app::display`.
+    pub display: ssd1306::Ssd1306,
+    /// For `app::link`, from the host.
+    pub rx: line::Receiver,
+    /// For `app::link`, to the host.
+    pub tx: line::Sender,
+    /// For `app::supervise`.
+    pub watchdog: IndependentWatchdog<'static, IWDG>,
 }

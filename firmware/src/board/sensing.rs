@@ -15,6 +15,8 @@ use infrared::protocol::Nec;
 use infrared::protocol::nec::Nec16Command;
 use infrared::receiver::{DecoderFactory, ProtocolDecoder, State};
 
+use super::analog::Analog;
+use super::boot::CORE_MHZ;
 use crate::app::{self, Channels};
 use crate::ports::{SensorPort, Sensors};
 
@@ -42,7 +44,7 @@ impl Ranger {
     /// One range in cm.
     async fn range(&mut self) -> u8 {
         self.trigger.set_high();
-        cortex_m::asm::delay(10 * super::f407::CORE_MHZ);
+        cortex_m::asm::delay(10 * CORE_MHZ);
         self.trigger.set_low();
         if with_timeout(RISES_WITHIN, self.echo.wait_for_rising_edge()).await.is_err() {
             return NOTHING;
@@ -110,25 +112,24 @@ impl Remote {
     }
 }
 
-/// Everything that senses slowly.
-pub struct Sensing {
+/// Everything that senses slowly. Rangers and inputs that the board does not have read as nothing
+/// in range and low.
+pub struct Sensing<const RANGERS: usize, const INPUTS: usize> {
     /// Infrared remote control.
     pub remote: Remote,
     /// The rest.
-    pub bank: Bank,
+    pub bank: Bank<RANGERS, INPUTS>,
 }
 
-/// Rangers, inputs, slow A/D values.
-pub struct Bank {
-    /// Fired in turn.
-    pub rangers: [Ranger; 6],
-    /// Input port, bit 0 is input 0.
-    pub inputs: [Input<'static>; 8],
-    /// Fills in the A/D values.
-    pub analog: fn(&mut Sensors),
+/// Rangers and inputs; the slow A/D values come from the scan.
+pub struct Bank<const RANGERS: usize, const INPUTS: usize> {
+    /// Fired in turn, the first up to six.
+    pub rangers: [Ranger; RANGERS],
+    /// Input port, bit 0 is input 0, up to eight.
+    pub inputs: [Input<'static>; INPUTS],
 }
 
-impl Sensing {
+impl<const RANGERS: usize, const INPUTS: usize> Sensing<RANGERS, INPUTS> {
     /// The task: readings into `channels`, for ever.
     pub async fn run<M: RawMutex, C: Copy>(&mut self, channels: &Channels<M, C>) -> ! {
         let key = Cell::new(Key::NONE);
@@ -138,14 +139,14 @@ impl Sensing {
     }
 }
 
-struct Port<'a> {
-    bank: &'a mut Bank,
+struct Port<'a, const RANGERS: usize, const INPUTS: usize> {
+    bank: &'a mut Bank<RANGERS, INPUTS>,
     key: &'a Cell<Key>,
     turn: usize,
     last: Sensors,
 }
 
-impl SensorPort for Port<'_> {
+impl<const RANGERS: usize, const INPUTS: usize> SensorPort for Port<'_, RANGERS, INPUTS> {
     /// One ranger's turn, and everything else as it is then.
     async fn read(&mut self) -> Sensors {
         let turn_ends = Timer::after(TURN);
@@ -153,7 +154,7 @@ impl SensorPort for Port<'_> {
         if let Some((ranger, cm)) = ranger {
             *cm = ranger.range().await;
         }
-        self.turn = (self.turn + 1) % self.bank.rangers.len();
+        self.turn = if self.turn + 1 < RANGERS { self.turn + 1 } else { 0 };
         turn_ends.await;
         self.last.ir_command = self.key.get().report();
         self.last.gpio_in = self
@@ -162,7 +163,7 @@ impl SensorPort for Port<'_> {
             .iter()
             .rev()
             .fold(0, |bits, input| bits << 1 | u8::from(input.is_high()));
-        (self.bank.analog)(&mut self.last);
+        Analog::read(&mut self.last);
         self.last
     }
 }

@@ -151,7 +151,8 @@ impl Machine {
     }
 
     /// The load or store before which the machine stands: whether a load, the data's register, the
-    /// address. Thumb LDR and STR with an immediate offset, 16 and 32 bits (ARMv7-M ARM A7.7).
+    /// address. Thumb LDR and STR with an immediate offset, 16 and 32 bits, and with a register's
+    /// (ARMv7-M ARM A7.7).
     fn access(&mut self) -> (bool, u8, u32) {
         let pc = self.gdb.register(PC);
         let words = [pc & !3, (pc & !3) + 4].map(|address| u64::from(self.gdb.word(address)));
@@ -165,6 +166,11 @@ impl Machine {
         if first & 0xF000 == 0x6000 {
             let base = self.gdb.register(register(first >> 3 & 7));
             return (first & 0x800 != 0, register(first & 7), base + (first >> 6 & 31) * 4);
+        }
+        if matches!(first & 0xFE00, 0x5800 | 0x5000) {
+            let base = self.gdb.register(register(first >> 3 & 7));
+            let offset = self.gdb.register(register(first >> 6 & 7));
+            return (first & 0x800 != 0, register(first & 7), base.wrapping_add(offset));
         }
         panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
     }

@@ -1,0 +1,72 @@
+//! How every board begins: the clock tree, the watchdog, and why it was reset.
+//!
+//! All boards run at 168 MHz, which every STM32F405 to F479 can; the constants of the other parts
+//! rely on it.
+
+#[cfg(feature = "qemu")]
+use super::systick;
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::rcc::{self, Hse};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, Peripherals, pac};
+
+use crate::app::WATCHDOG_PERIOD;
+
+/// The processor's clock in MHz, and that of the timers of APB2.
+pub const CORE_MHZ: u32 = 168;
+/// Timers of APB1 (TIM2 to TIM7, TIM12 to TIM14) count at 84 MHz.
+pub const APB1_TIMER_HZ: u32 = 84_000_000;
+
+/// Starts the clocks from a crystal or a clock of whole MHz: 168 MHz, APB1 42 MHz, APB2 84 MHz.
+pub fn clocks(hse: Hse) -> Peripherals {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hse = Some(hse);
+    config.rcc.pll_src = rcc::PllSource::HSE;
+    config.rcc.pll = Some(rcc::Pll {
+        prediv: rcc::PllPreDiv::from_bits((hse.freq.0 / 1_000_000) as u8), // to 1 MHz; 4 to 26
+        mul: rcc::PllMul::MUL336,
+        divp: Some(rcc::PllPDiv::DIV2),
+        divq: Some(rcc::PllQDiv::DIV7),
+        divr: None,
+    });
+    config.rcc.sys = rcc::Sysclk::PLL1_P;
+    config.rcc.apb1_pre = rcc::APBPrescaler::DIV4;
+    config.rcc.apb2_pre = rcc::APBPrescaler::DIV2;
+    let peripherals = embassy_stm32::init(config);
+    #[cfg(feature = "qemu")]
+    if let Some(core) = cortex_m::Peripherals::take() {
+        systick::start(core.SYST);
+    }
+    peripherals
+}
+
+/// Starts the watchdog, and says why the board has started.
+pub fn watchdog(iwdg: Peri<'static, IWDG>) -> IndependentWatchdog<'static, IWDG> {
+    let mut watchdog = IndependentWatchdog::new(iwdg, WATCHDOG_PERIOD.as_micros() as u32);
+    pac::DBGMCU.apb1fzr().modify(|w| w.set_iwdg(true)); // a debugger may halt the core
+    watchdog.unleash();
+    report_reset(pac::RCC.csr().read());
+    watchdog
+}
+
+/// Says why the board has started, and forgets it.
+fn report_reset(cause: pac::rcc::regs::Csr) {
+    // A watchdog's reset sets PINRSTF too, a power-on all three of the last.
+    let text = if cause.wdgrstf() {
+        "watchdog"
+    } else if cause.wwdgrstf() {
+        "window watchdog"
+    } else if cause.lpwrrstf() {
+        "low power"
+    } else if cause.sftrstf() {
+        "software"
+    } else if cause.porrstf() {
+        "power"
+    } else if cause.borrstf() {
+        "brown-out"
+    } else {
+        "reset pin"
+    };
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    defmt::info!("started by: {=str} (CSR {=u32:#010x})", text, cause.0);
+}
