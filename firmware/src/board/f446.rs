@@ -1,0 +1,168 @@
+//! NUCLEO-F446RE (STM32F446RE, LQFP64): who owns which pin, timer and stream.
+//!
+//! **Compiled only**: it has run on no silicon, and QEMU has no machine for it.
+//!
+//! | what | with | of the PMS5005's |
+//! |---|---|---|
+//! | bridges 0 to 2, 3 to 5 | TIM1 CH1 to CH3, TIM8 CH1 to CH3, 20 kHz | 6 of 6, locked anti-phase only |
+//! | servos 0 to 3, 4 and 5 | TIM3 CH1 to CH4, TIM12 CH1 and CH2, 50 Hz | 6 of 6 |
+//! | encoders 0 and 1 | TIM2, TIM4 | 2 of 2 |
+//! | analogue scan | ADC1, TIM8 CH4 and update, DMA2 streams 0 and 1 | all |
+//! | host | USART2, DMA1 streams 5 and 6: the ST-LINK's virtual COM port | |
+//! | display | I2C1, polled | yes |
+//! | rangers 0 to 2 | EXTI 1, 7, 12 | 3 of 6, the others read 255: nothing in range |
+//! | remote | EXTI 2 | yes |
+//! | inputs 0 and 1 | the blue button PC13, PC12 | 2 of 8, the others read 0 |
+//! | outputs 0 and 1 | LD2 on PA5, PA4 | 2 of 8, the others are ignored |
+//! | embassy's clock | TIM5 | |
+//! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused | |
+//!
+//! What the board has on its pins is left alone: SWD (PA13, PA14), the 32 kHz crystal (PC14,
+//! PC15), the ST-LINK's 8 MHz (PH0) and the pin beside it (PH1). README.md beside this file is the
+//! wiring table for people.
+//!
+//! Promise: the enable lines are driven low before any timer runs.
+
+use embassy_stm32::adc::AdcChannel;
+use embassy_stm32::exti::{self, ExtiInput};
+use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
+use embassy_stm32::i2c::I2c;
+use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, TIM1, TIM2, TIM3, TIM4, TIM8, TIM12, USART2};
+use embassy_stm32::rcc::{Hse, HseMode, enable_and_reset};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::qei::Qei;
+use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
+use embassy_stm32::{bind_interrupts, dma, interrupt, pac};
+use protocol::pms5005::CHANNELS;
+
+use super::analog::{Addresses, Analog};
+use super::drives::{Drives, Lines, Pulse, Stage};
+use super::sensing::{Bank, Ranger, Remote};
+use super::ssd1306::{self, Ssd1306};
+use super::{Board, boot, line, motion, sensing};
+
+/// The ST-LINK's MCO drives OSC_IN.
+const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Bypass };
+
+static DRIVES: Drives = Drives {
+    // No pins are left for direction lines.
+    stage: Stage::LockedAntiPhase,
+    enables: Lines { port: pac::GPIOC, pins: &[0, 3, 5, 9, 10, 11] },
+    bridges: &[
+        Pulse::advanced(pac::TIM1, 0),
+        Pulse::advanced(pac::TIM1, 1),
+        Pulse::advanced(pac::TIM1, 2),
+        Pulse::advanced(pac::TIM8, 0),
+        Pulse::advanced(pac::TIM8, 1),
+        Pulse::advanced(pac::TIM8, 2),
+    ],
+    servos: &[
+        Pulse::general(pac::TIM3, 0),
+        Pulse::general(pac::TIM3, 1),
+        Pulse::general(pac::TIM3, 2),
+        Pulse::general(pac::TIM3, 3),
+        Pulse::two_channel(pac::TIM12, 0),
+        Pulse::two_channel(pac::TIM12, 1),
+    ],
+    outputs: Lines { port: pac::GPIOA, pins: &[5, 4] },
+};
+
+static ADDRESSES: Addresses = Addresses::new(Lines { port: pac::GPIOB, pins: &[2, 10, 12, 13] });
+
+bind_interrupts!(struct Irqs {
+    EXTI1 => exti::InterruptHandler<interrupt::typelevel::EXTI1>;
+    EXTI2 => exti::InterruptHandler<interrupt::typelevel::EXTI2>;
+    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
+    EXTI15_10 => exti::InterruptHandler<interrupt::typelevel::EXTI15_10>;
+    USART2 => line::InterruptHandler<USART2>;
+    DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+});
+
+/// The motion hardware of this board.
+pub type Motion = motion::Motion<TIM2, TIM4>;
+/// Three rangers, two inputs.
+pub type Sensing = sensing::Sensing<3, 2>;
+
+/// Puts all outputs into their safe state, from wherever the program is.
+pub fn safe_state() {
+    DRIVES.make_safe();
+}
+
+/// Starts the clocks, puts the outputs into their safe state, then starts everything else.
+pub fn start() -> Board {
+    let p = boot::clocks(CLOCK);
+    DRIVES.enables.claim(
+        [p.PC0.into(), p.PC3.into(), p.PC5.into(), p.PC9.into(), p.PC10.into(), p.PC11.into()],
+        Speed::Low,
+    );
+    let watchdog = boot::watchdog(p.IWDG);
+
+    enable_and_reset::<TIM1>();
+    enable_and_reset::<TIM8>();
+    enable_and_reset::<TIM3>();
+    enable_and_reset::<TIM12>();
+    DRIVES.start();
+    pac::TIM1.bdtr().modify(|w| w.set_moe(true));
+    pac::TIM8.bdtr().modify(|w| w.set_moe(true));
+    DRIVES.bridges[0].claim::<TIM1, Ch1>(p.PA8);
+    DRIVES.bridges[1].claim::<TIM1, Ch2>(p.PA9);
+    DRIVES.bridges[2].claim::<TIM1, Ch3>(p.PA10);
+    DRIVES.bridges[3].claim::<TIM8, Ch1>(p.PC6);
+    DRIVES.bridges[4].claim::<TIM8, Ch2>(p.PC7);
+    DRIVES.bridges[5].claim::<TIM8, Ch3>(p.PC8);
+    DRIVES.servos[0].claim::<TIM3, Ch1>(p.PB4);
+    DRIVES.servos[1].claim::<TIM3, Ch2>(p.PB5);
+    DRIVES.servos[2].claim::<TIM3, Ch3>(p.PB0);
+    DRIVES.servos[3].claim::<TIM3, Ch4>(p.PB1);
+    DRIVES.servos[4].claim::<TIM12, Ch1>(p.PB14);
+    DRIVES.servos[5].claim::<TIM12, Ch2>(p.PB15);
+    DRIVES.outputs.claim([p.PA5.into(), p.PA4.into()], Speed::Low);
+    let motion = Motion::new(
+        &DRIVES,
+        Analog::new(
+            p.ADC1,
+            [p.PC1.degrade_adc(), p.PC2.degrade_adc(), p.PC4.degrade_adc()],
+            &ADDRESSES,
+            [p.PB2.into(), p.PB10.into(), p.PB12.into(), p.PB13.into()],
+            p.DMA2_CH1,
+            p.DMA2_CH0,
+        ),
+        (
+            Qei::new(p.TIM2, p.PA15, p.PB3, motion::encoder_inputs()),
+            Qei::new(p.TIM4, p.PB6, p.PB7, motion::encoder_inputs()),
+        ),
+        [const { None }; CHANNELS],
+    );
+
+    let bank = Bank {
+        rangers: [
+            Ranger {
+                trigger: Output::new(p.PA0, Level::Low, Speed::Low),
+                echo: ExtiInput::new(p.PA1, p.EXTI1, Pull::Down, Irqs),
+            },
+            Ranger {
+                trigger: Output::new(p.PA6, Level::Low, Speed::Low),
+                echo: ExtiInput::new(p.PA7, p.EXTI7, Pull::Down, Irqs),
+            },
+            Ranger {
+                trigger: Output::new(p.PA11, Level::Low, Speed::Low),
+                echo: ExtiInput::new(p.PA12, p.EXTI12, Pull::Down, Irqs),
+            },
+        ],
+        inputs: [Input::new(p.PC13, Pull::Up), Input::new(p.PC12, Pull::Up)],
+    };
+    let remote = Remote(ExtiInput::new(p.PD2, p.EXTI2, Pull::Up, Irqs));
+
+    let host = line::Parts {
+        usart: p.USART2,
+        registers: pac::USART2,
+        rx: p.PA3,
+        tx: p.PA2,
+        rx_dma: p.DMA1_CH5,
+        tx_dma: p.DMA1_CH6,
+    };
+    let (rx, tx) = line::new(host, Irqs);
+    let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
+    Board { motion, sensing: Sensing { remote, bank }, display, rx, tx, watchdog }
+}
