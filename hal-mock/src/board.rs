@@ -17,24 +17,18 @@ use std::pin::Pin;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Context, Wake, Waker};
+use std::task::{Wake, Waker};
 
-use embassy_futures::join::join4;
-use embassy_sync::blocking_mutex::raw::NoopRawMutex;
-use embassy_time::{Duration, Instant, Timer};
-use firmware::app::{self, Channels};
+use embassy_time::{Duration, Instant};
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Session;
 use firmware::personality::pms5005::Pms5005;
-use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
 use firmware::settings::Settings;
 
 use crate::clock;
 use crate::plant::{Plant, Scene};
+use crate::tasks::{self, Channels};
 use crate::wire::Line;
-
-/// How long a reading of the slow sensors takes.
-const SENSOR_PERIOD: Duration = Duration::from_millis(20);
 
 /// What a virtual board is made of.
 #[derive(Clone, Copy, Debug)]
@@ -61,7 +55,7 @@ pub struct VirtualBoard<S: Session = Pms5005> {
     app: Pin<Box<dyn Future<Output = ()>>>,
     woken: Arc<Woken>,
     waker: Waker,
-    channels: Rc<Channels<NoopRawMutex, S::Counters>>,
+    channels: Rc<Channels<S::Counters>>,
     /// The world around the board.
     pub plant: Rc<RefCell<Plant>>,
     /// The line to the host.
@@ -90,20 +84,12 @@ impl<S: Session + 'static> VirtualBoard<S> {
         let channels = Rc::new(Channels::new());
         let app = Box::pin({
             let (mut rx, mut tx) = line.board_end();
-            let mut motion = Bench(plant.clone());
-            let mut sensors = SlowBench { plant: plant.clone(), started: false };
-            let mut lcd = Bench(plant.clone());
-            let channels = channels.clone();
+            let (plant, channels) = (plant.clone(), channels.clone());
             let mut session = session(Instant::now());
             async move {
                 let mut controller = Controller::new(make.settings.control);
-                join4(
-                    app::control(&mut motion, &mut controller, &channels),
-                    app::sensors(&mut sensors, &channels),
-                    app::display(&mut lcd, &channels),
-                    app::link(&mut rx, &mut tx, &mut session, &channels),
-                )
-                .await;
+                let line = (&mut rx, &mut tx);
+                tasks::all(&plant, &mut controller, &mut session, line, &channels).await;
             }
         });
         let woken = Arc::new(Woken(AtomicBool::new(true)));
@@ -113,16 +99,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
 
     /// Runs until `time`.
     pub fn run_until(&mut self, time: Instant) {
-        loop {
-            while self.woken.0.swap(false, Ordering::Relaxed) {
-                let _ = self.app.as_mut().poll(&mut Context::from_waker(&self.waker));
-            }
-            match clock::next_alarm() {
-                Some(alarm) if alarm <= time => clock::advance_to(alarm),
-                _ => break,
-            }
-        }
-        clock::advance_to(time);
+        tasks::run_until(self.app.as_mut(), &self.waker, &self.woken.0, time);
         self.plant.borrow_mut().advance_to(time.as_millis());
     }
 
@@ -153,47 +130,5 @@ struct Woken(AtomicBool);
 impl Wake for Woken {
     fn wake(self: Arc<Self>) {
         self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-/// The ports that answer at once.
-struct Bench(Rc<RefCell<Plant>>);
-
-impl MotionPort for Bench {
-    fn sample(&mut self) -> MotionInputs {
-        let mut plant = self.0.borrow_mut();
-        plant.advance_to(Instant::now().as_millis());
-        plant.motion_inputs()
-    }
-
-    fn drive(&mut self, outputs: &Outputs) {
-        self.0.borrow_mut().outputs = *outputs;
-    }
-}
-
-impl LcdPort for Bench {
-    async fn show(&mut self, number: u8, columns: &[u8; 64]) {
-        if self.0.borrow().overrides.lcd_hangs {
-            std::future::pending::<()>().await;
-        }
-        if let Some(frame) = self.0.borrow_mut().lcd.get_mut(usize::from(number)) {
-            *frame = *columns;
-        }
-    }
-}
-
-/// The sensors that take their time.
-struct SlowBench {
-    plant: Rc<RefCell<Plant>>,
-    started: bool,
-}
-
-impl SensorPort for SlowBench {
-    async fn read(&mut self) -> Sensors {
-        if self.started {
-            Timer::after(SENSOR_PERIOD).await;
-        }
-        self.started = true;
-        self.plant.borrow_mut().sensors()
     }
 }

@@ -1,65 +1,94 @@
-//! Virtual time: one clock a thread, moved by hand.
+//! Virtual time, moved by hand.
 //!
 //! This is the time driver of every program that links this crate. Time stands still until
-//! [`advance_to`] moves it, so a test sees every event at its exact microsecond, tests in
-//! different threads do not disturb each other, and an hour passes as fast as it can be computed.
+//! [`advance_to`] moves it, so every event has its exact microsecond. On a computer every thread
+//! has a clock of its own: tests in different threads do not disturb each other, and an hour
+//! passes as fast as it can be computed. An image has one.
+//!
+//! A clock is made for one task (see [`tasks`](crate::tasks)): it keeps the earliest alarm, and a
+//! task that is woken looks again at all that it waits for.
 
-use std::cell::{Cell, RefCell};
-use std::task::Waker;
+use core::cell::{Cell, RefCell};
+use core::task::Waker;
 
+use embassy_sync::waitqueue::WakerRegistration;
 use embassy_time::Instant;
 use embassy_time_driver::Driver;
 
-thread_local! {
-    static NOW: Cell<u64> = const { Cell::new(0) };
-    static ALARMS: RefCell<Vec<(u64, Waker)>> = const { RefCell::new(Vec::new()) };
+/// An alarm that never comes.
+const NEVER: u64 = u64::MAX;
+
+/// Times in ticks.
+struct Clock {
+    now: Cell<u64>,
+    alarm: Cell<u64>,
+    task: RefCell<WakerRegistration>,
 }
 
-struct ThreadClock;
+impl Clock {
+    const fn new() -> Self {
+        Self {
+            now: Cell::new(0),
+            alarm: Cell::new(NEVER),
+            task: RefCell::new(WakerRegistration::new()),
+        }
+    }
+}
 
-impl Driver for ThreadClock {
+#[cfg(feature = "std")]
+fn with<T>(act: impl FnOnce(&Clock) -> T) -> T {
+    std::thread_local! {
+        static CLOCK: Clock = const { Clock::new() };
+    }
+    CLOCK.with(act)
+}
+
+#[cfg(not(feature = "std"))]
+fn with<T>(act: impl FnOnce(&Clock) -> T) -> T {
+    use critical_section::Mutex;
+    static CLOCK: Mutex<Clock> = Mutex::new(Clock::new());
+    critical_section::with(|cs| act(CLOCK.borrow(cs)))
+}
+
+struct VirtualTime;
+
+impl Driver for VirtualTime {
     fn now(&self) -> u64 {
-        NOW.get()
+        with(|clock| clock.now.get())
     }
 
     fn schedule_wake(&self, at: u64, waker: &Waker) {
-        if at == u64::MAX {
-            return; // "never"
-        }
-        ALARMS.with_borrow_mut(|alarms| {
-            // A task that is woken early looks again at all that it waits for.
-            match alarms.iter_mut().find(|(_, known)| known.will_wake(waker)) {
-                Some((earliest, _)) => *earliest = at.min(*earliest),
-                None => alarms.push((at, waker.clone())),
-            }
+        with(|clock| {
+            clock.alarm.set(at.min(clock.alarm.get()));
+            clock.task.borrow_mut().register(waker);
         });
     }
 }
 
-embassy_time_driver::time_driver_impl!(static CLOCK: ThreadClock = ThreadClock);
+embassy_time_driver::time_driver_impl!(static DRIVER: VirtualTime = VirtualTime);
 
-/// Sets this thread's clock to zero and forgets its alarms.
+/// Sets this clock to zero and forgets its alarm.
 pub fn reset() {
-    NOW.set(0);
-    ALARMS.with_borrow_mut(Vec::clear);
+    with(|clock| {
+        clock.now.set(0);
+        clock.alarm.set(NEVER);
+        *clock.task.borrow_mut() = WakerRegistration::new();
+    });
 }
 
-/// When the next alarm of this thread is due.
+/// When this clock's alarm is due.
 pub fn next_alarm() -> Option<Instant> {
-    ALARMS.with_borrow(|alarms| alarms.iter().map(|(at, _)| *at).min()).map(Instant::from_ticks)
+    let at = with(|clock| clock.alarm.get());
+    (at != NEVER).then(|| Instant::from_ticks(at))
 }
 
-/// Moves this thread's clock forward and wakes whose time has come.
+/// Moves this clock forward, and wakes its task if the alarm's time has come.
 pub fn advance_to(time: Instant) {
-    NOW.set(NOW.get().max(time.as_ticks()));
-    ALARMS.with_borrow_mut(|alarms| {
-        let mut i = 0;
-        while let Some((at, _)) = alarms.get(i) {
-            if *at <= NOW.get() {
-                alarms.swap_remove(i).1.wake();
-            } else {
-                i += 1;
-            }
+    with(|clock| {
+        clock.now.set(clock.now.get().max(time.as_ticks()));
+        if clock.alarm.get() <= clock.now.get() {
+            clock.alarm.set(NEVER);
+            clock.task.borrow_mut().wake();
         }
     });
 }

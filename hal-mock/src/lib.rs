@@ -5,23 +5,25 @@
 //!                                        Clock (virtual time)
 //! ```
 //!
-//! - [`plant`]: the physics; no operating system needed, plain `f32` arithmetic, the same bits
-//!   everywhere, every noise seeded;
+//! - [`plant`]: the physics; plain `f32` arithmetic, the same bits everywhere, every noise seeded;
 //! - [`clock`]: virtual time, one clock a thread;
+//! - [`tasks`]: the firmware's own tasks over the plant and the clock;
 //! - [`wire`]: the serial line, paced like a UART;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
-//! - [`board`]: the firmware's own tasks over all of these: a [`board::VirtualBoard`].
+//! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`].
 //!
-//! Tests move the clock by hand; the program `virtual-board` moves it with the wall clock.
+//! Tests move the clock by hand; the program `virtual-board` moves it with the wall clock. The
+//! first three need no operating system: the image `src/bin/qemu` runs the same tasks over the
+//! same plant on a Cortex-M, with SysTick to move the clock.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod clock;
 pub mod plant;
+pub mod tasks;
 
 #[cfg(feature = "std")]
 pub mod board;
-#[cfg(feature = "std")]
-pub mod clock;
 #[cfg(feature = "std")]
 pub mod scene_file;
 #[cfg(feature = "std")]

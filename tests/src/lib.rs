@@ -8,7 +8,7 @@
 //! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
-//! - `tests/qemu/`: the image of the STM32F407 in QEMU.
+//! - `tests/qemu/`: the images in QEMU.
 
 use embassy_time::{Duration, Instant};
 use hal_mock::board::{Make, VirtualBoard};

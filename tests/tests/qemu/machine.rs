@@ -1,9 +1,9 @@
-//! QEMU's netduinoplus2 (an STM32F405, the F407's die) with the image that the board gets.
+//! QEMU 7.2 with the image that the board gets.
 //!
 //! The machine does not model the ready bits that the start of the clocks waits for. Watchpoints
 //! on those five registers stop it before every access; we step over it, remember what is written,
-//! and put the hardware's answer into the register that a load has loaded. When no access has come for a
-//! while, the image is through, and the watchpoints go.
+//! and put the hardware's answer into the register that a load has loaded. When no access has come
+//! for a while, the image is through, and the watchpoints go.
 //!
 //! What the machine lacks altogether (TIM1, TIM8, TIM12, GPIO, I2C, DMA, the watchdog) it logs by
 //! name, offset and value. That log is what the tests read.
@@ -11,18 +11,37 @@
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 use protocol::pms5005::{self, Frame, Receiver, Report};
 
 use crate::gdb::{Gdb, PC};
+use crate::process::{Qemu, bytes_from, image, version};
 
-/// The version whose machine and whose log these tests know. In newer ones (10.0) a model of RCC
-/// aborts when the image resets an APB2 peripheral.
-const VERSION: &str = "version 7.2";
+/// The image with what the machine lacks replaced.
+pub const IMAGE: &str = "pms5005-qemu";
+
+/// Why a version of QEMU will not do: its machine and its log are those that these tests know, or
+/// they are not.
+fn refusal(version: &str) -> Option<String> {
+    let known = version.starts_with("QEMU emulator version 7.2.");
+    (!known).then(|| {
+        format!(
+            "this test needs QEMU 7.2 and found '{version}'; newer ones (10.0) abort when the image \
+             resets an APB2 peripheral. The image pms5005-sim does not need 7.2"
+        )
+    })
+}
+
+#[test]
+fn another_version_is_refused_with_the_reason() {
+    assert_eq!(refusal("QEMU emulator version 7.2.17 (Debian 1:7.2+dfsg-7+deb12u14)"), None);
+    for other in ["QEMU emulator version 10.0.2", "QEMU emulator version 7.20.0", ""] {
+        let reason = refusal(other).expect("a refusal");
+        assert!(reason.contains("needs QEMU 7.2") && reason.contains(other), "{reason}");
+    }
+}
 
 /// Polled registers: address, value after reset, and what a load answers after a store.
 type Ready = (u32, u32, fn(u32) -> u32);
@@ -43,24 +62,14 @@ const READY: [Ready; 5] = [
 
 /// A running machine. It ends when it is dropped.
 pub struct Machine {
-    qemu: Child,
     gdb: Gdb,
     uart: UnixStream,
-    /// What the image has sent. QEMU's UART stops the whole machine while its socket is full, and
-    /// some 300 single bytes fill it, so a thread reads it at all times.
     from_image: mpsc::Receiver<u8>,
     receiver: Receiver,
     log: File,
     /// The part of the log that has been read, from the last [`Machine::forget`].
     seen: String,
-    folder: PathBuf,
-}
-
-/// The image for QEMU, from the script that builds all images.
-pub fn image() -> PathBuf {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/images/pms5005-qemu.elf");
-    assert!(path.exists(), "{} is missing: run .ci/images", path.display());
-    path
+    _qemu: Qemu,
 }
 
 impl Machine {
@@ -69,48 +78,21 @@ impl Machine {
     /// # Panics
     /// If QEMU is missing or of another version, or the image does not come through.
     pub fn boot(name: &str) -> Self {
-        let version = Command::new("qemu-system-arm").arg("--version").output();
-        let version = version.expect("qemu-system-arm is needed (Debian package qemu-system-arm)");
-        let version = String::from_utf8_lossy(&version.stdout).into_owned();
-        let first = version.lines().next().unwrap_or_default();
-        assert!(version.contains(VERSION), "these tests need QEMU {VERSION}, not {first}");
-
-        let folder = std::env::temp_dir().join(format!("pms5005-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let at = |name: &str| folder.join(name);
-        let socket =
-            |id: &str| format!("socket,id={id},path={},server=on,wait=off", at(id).display());
-        let qemu = Command::new("qemu-system-arm")
-            .args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-S"])
-            .args(["-chardev", &socket("gdb"), "-gdb", "chardev:gdb"])
-            .args(["-serial", "null", "-chardev", &socket("uart"), "-serial", "chardev:uart"])
-            .args(["-d", "unimp,guest_errors", "-D"])
-            .arg(at("log"))
-            .arg("-kernel")
-            .arg(image())
-            .stdin(Stdio::null())
-            .spawn()
-            .unwrap();
-        let uart = connect(&at("uart"));
-        let (sender, from_image) = mpsc::channel();
-        let mut reader = uart.try_clone().unwrap();
-        std::thread::spawn(move || {
-            let mut buffer = [0; 256];
-            while let Ok(count @ 1..) = reader.read(&mut buffer) {
-                for &byte in &buffer[..count] {
-                    let _ = sender.send(byte); // nobody listens at the end of a test
-                }
-            }
-        });
+        if let Some(reason) = refusal(&version()) {
+            panic!("{reason}");
+        }
+        let options = ["-S", "-d", "unimp,guest_errors", "-D", "log", "-serial", "null"];
+        let sockets = [("-gdb", "gdb"), ("-serial", "uart")];
+        let qemu = Qemu::start(name, &image(IMAGE), &options, &sockets);
+        let uart = qemu.connect("uart");
         let mut machine = Self {
-            qemu,
-            gdb: Gdb::new(connect(&at("gdb"))),
+            gdb: Gdb::new(qemu.connect("gdb")),
+            from_image: bytes_from(&uart),
             uart,
-            from_image,
             receiver: Receiver::new(),
-            log: File::open(at("log")).unwrap(),
+            log: File::open(qemu.path("log")).unwrap(),
             seen: String::new(),
-            folder,
+            _qemu: qemu,
         };
         machine.answer_ready_bits();
         machine
@@ -265,23 +247,4 @@ impl Machine {
         self.gdb.run();
         result
     }
-}
-
-impl Drop for Machine {
-    fn drop(&mut self) {
-        let _ = self.qemu.kill();
-        let _ = self.qemu.wait();
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-/// QEMU makes its sockets a moment after its start.
-fn connect(path: &Path) -> UnixStream {
-    for _ in 0..250 {
-        if let Ok(stream) = UnixStream::connect(path) {
-            return stream;
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    panic!("QEMU offers no {}", path.display());
 }

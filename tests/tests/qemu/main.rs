@@ -1,17 +1,21 @@
-//! The image of the STM32F407 board in QEMU: frames go in over its UART, and the registers that
-//! it writes come out of QEMU's log.
+//! The images in QEMU.
 //!
 //!     .ci/images && cargo test -p tests --test qemu -- --ignored --test-threads 2
 //!
-//! The image differs from the one that is flashed only in what the machine lacks (the firmware's
-//! feature `qemu`): SysTick for TIM5's compare channels, a receive interrupt and polled sending
-//! for the UART's DMA.
+//! The virtual board's image is in `simulated`. Here is the STM32F407 board's: frames go in over
+//! its UART, and the registers that it writes come out of QEMU's log. It differs from the image
+//! that is flashed only in what the machine lacks (the firmware's feature `qemu`): SysTick for
+//! TIM5's compare channels, a receive interrupt and polled sending for the UART's DMA.
 
 mod gdb;
 mod machine;
+mod process;
+mod script;
+mod simulated;
 
 use gdb::{PC, SP};
-use machine::{Machine, image};
+use machine::{IMAGE, Machine};
+use process::image;
 use protocol::pms5005::{
     Addressing, CHANNELS, Command, Move, Quantity, Repeat, Report, Reports, Scope,
 };
@@ -146,7 +150,7 @@ fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_panic_puts_the_outputs_into_their_safe_state() {
-    let panic = gdb::function(&image(), "panic_bounds_check");
+    let panic = gdb::function(&image(IMAGE), "panic_bounds_check");
     let mut machine = Machine::boot("panic");
     set_everything_going(&mut machine);
     machine.forget();

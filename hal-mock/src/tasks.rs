@@ -1,0 +1,107 @@
+//! The firmware's own tasks over the simulated world, and how time passes for them.
+//!
+//! This is what the virtual board and the image for QEMU have in common, so that the same bytes
+//! at the same times get the same answers from both. Each adds a line to the host, and says how
+//! far the clock may go.
+
+use core::cell::RefCell;
+use core::pin::Pin;
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::task::{Context, Waker};
+
+use embassy_futures::join::join4;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_time::{Duration, Instant, Timer};
+use embedded_io_async::{Read, Write};
+use firmware::app;
+use firmware::controller::Controller;
+use firmware::personality::Session;
+use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
+
+use crate::clock;
+use crate::plant::Plant;
+
+/// What the tasks share.
+pub type Channels<C> = app::Channels<NoopRawMutex, C>;
+
+/// How long a reading of the slow sensors takes.
+const SENSOR_PERIOD: Duration = Duration::from_millis(20);
+
+/// The tasks of a board, as one task.
+pub async fn all<S: Session>(
+    plant: &RefCell<Plant>,
+    controller: &mut Controller,
+    session: &mut S,
+    (rx, tx): (&mut impl Read, &mut impl Write),
+    channels: &Channels<S::Counters>,
+) {
+    join4(
+        app::control(&mut Bench(plant), controller, channels),
+        app::sensors(&mut SlowBench { plant, started: false }, channels),
+        app::display(&mut Bench(plant), channels),
+        app::link(rx, tx, session, channels),
+    )
+    .await;
+}
+
+/// Runs `task` until `time`: whenever it has been woken, then at every alarm that it has set.
+/// `waker` sets `woken`, which is set at the beginning too.
+pub fn run_until(
+    mut task: Pin<&mut (impl Future<Output = ()> + ?Sized)>,
+    waker: &Waker,
+    woken: &AtomicBool,
+    time: Instant,
+) {
+    loop {
+        while woken.swap(false, Ordering::Relaxed) {
+            let _ = task.as_mut().poll(&mut Context::from_waker(waker)); // it never ends
+        }
+        match clock::next_alarm() {
+            Some(alarm) if alarm <= time => clock::advance_to(alarm),
+            _ => break,
+        }
+    }
+    clock::advance_to(time);
+}
+
+/// The ports that answer at once.
+struct Bench<'a>(&'a RefCell<Plant>);
+
+impl MotionPort for Bench<'_> {
+    fn sample(&mut self) -> MotionInputs {
+        let mut plant = self.0.borrow_mut();
+        plant.advance_to(Instant::now().as_millis());
+        plant.motion_inputs()
+    }
+
+    fn drive(&mut self, outputs: &Outputs) {
+        self.0.borrow_mut().outputs = *outputs;
+    }
+}
+
+impl LcdPort for Bench<'_> {
+    async fn show(&mut self, number: u8, columns: &[u8; 64]) {
+        if self.0.borrow().overrides.lcd_hangs {
+            core::future::pending::<()>().await;
+        }
+        if let Some(frame) = self.0.borrow_mut().lcd.get_mut(usize::from(number)) {
+            *frame = *columns;
+        }
+    }
+}
+
+/// The sensors that take their time.
+struct SlowBench<'a> {
+    plant: &'a RefCell<Plant>,
+    started: bool,
+}
+
+impl SensorPort for SlowBench<'_> {
+    async fn read(&mut self) -> Sensors {
+        if self.started {
+            Timer::after(SENSOR_PERIOD).await;
+        }
+        self.started = true;
+        self.plant.borrow_mut().sensors()
+    }
+}
