@@ -89,11 +89,12 @@ impl Gains {
     pub fn new(control_loop: Loop, gains: HostGains) -> Self {
         let (kp, kd) = (i32::from(gains.kp), i32::from(gains.kd));
         // Ki a second is Ki / 1000 a period, and it counts hundredths; 2^32 is the unit of `ki`.
+        // 2^32 / 100_000 = 2^27 / 3125; the division, rounded, is in two parts to fit 32 bits.
+        let hundredths = i32::from(gains.ki_hundredths);
+        let (whole, rest) = (hundredths / 3125, hundredths % 3125);
         let ki = |log2: u32| {
-            let bits = (i64::from(gains.ki_hundredths) << (32_u32.saturating_sub(log2)))
-                .saturating_add(50_000)
-                .checked_div(100_000);
-            i32::try_from(bits.unwrap_or(0)).unwrap_or(i32::MAX)
+            let shift = 27_u32.saturating_sub(log2);
+            (whole << shift).saturating_add((rest << shift).saturating_add(3125 / 2) / 3125)
         };
         match control_loop {
             Loop::Position => Self {
