@@ -205,7 +205,7 @@ impl Controller {
     fn measure(&mut self, motion: &MotionInputs) {
         for (shaft, count) in self.encoders.iter_mut().zip(motion.encoders) {
             // 65536 is two turns of the protocol's scale: the low 15 bits are the position on it.
-            let count = Counts::from_num(count & 0x7FFF);
+            let count = Counts::from(count & 0x7FFF);
             shaft.update(count, scale(Sensor::Encoder));
         }
         for channel in Channel::ALL {
@@ -362,7 +362,7 @@ fn angle(channel: Channel, sensor: Sensor, motion: &MotionInputs) -> Option<Coun
     match sensor {
         Sensor::Encoder => None,
         Sensor::SinglePotentiometer => {
-            pots.get(channel.index()).map(|&p| Counts::saturating_from_num(p))
+            pots.get(channel.index()).map(|&p| Counts::from(p))
         }
         Sensor::DualPotentiometer => {
             let (first, second) = *potentiometer::PAIRS.get(channel.index())?;

@@ -25,10 +25,10 @@
 //! expect the speed to be held: a proportional term alone would settle well below the set-point.
 
 use fixed::{
-    FixedI32,
+    FixedI32, FixedI64,
     types::{
         I24F8, I32F32,
-        extra::{U24, U32},
+        extra::{U24, U32, U40},
     },
 };
 use protocol::pms5005::{Gain, Loop};
@@ -125,12 +125,20 @@ pub struct Limits {
 impl Limits {
     /// Full drive both ways.
     pub const FULL: Self = Self { low: I32F32::NEG_ONE, high: I32F32::ONE };
+
+    /// The drive, or the limit that it is beyond.
+    pub fn apply(&self, drive: I32F32) -> I32F32 {
+        drive.min(self.high).max(self.low)
+    }
 }
+
+/// Drive with 8 more bits below the point, so that no part of an error is too small to add up.
+type Integral = FixedI64<U40>;
 
 /// One loop's memory: the integral, in parts of full drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pid {
-    integral: fixed::FixedI64<fixed::types::extra::U40>,
+    integral: Integral,
 }
 
 impl Pid {
@@ -156,17 +164,20 @@ impl Pid {
 
         let more = gains.ki.wide_mul(error);
         let integral = self.integral.saturating_add(more);
-        let drive = others.saturating_add(I32F32::saturating_from_num(integral));
+        let drive = others.saturating_add(to_drive(integral));
         let deeper = (drive > limits.high && more > 0) || (drive < limits.low && more < 0);
         // The limits may have tightened since: what is kept has to fit them too.
         let kept = if deeper { self.integral } else { integral };
-        self.integral = kept.clamp(from_drive(limits.low), from_drive(limits.high));
-        others
-            .saturating_add(I32F32::saturating_from_num(self.integral))
-            .clamp(limits.low, limits.high)
+        self.integral = kept.min(from_drive(limits.high)).max(from_drive(limits.low));
+        limits.apply(others.saturating_add(to_drive(self.integral)))
     }
 }
 
-fn from_drive(drive: I32F32) -> fixed::FixedI64<fixed::types::extra::U40> {
-    fixed::FixedI64::saturating_from_num(drive)
+fn to_drive(integral: Integral) -> I32F32 {
+    I32F32::from_bits(integral.to_bits() >> 8)
+}
+
+/// For limits: they are within -1 and 1, far from the type's.
+fn from_drive(limit: I32F32) -> Integral {
+    Integral::from_bits(limit.to_bits() << 8)
 }
