@@ -65,16 +65,19 @@ pub(crate) struct ChannelConfiguration {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct GainChanges {
-    kp: Option<u16>,
-    kd: Option<u16>,
+    /// The words as on the wire.
+    kp: Option<[u8; 2]>,
+    kd: Option<[u8; 2]>,
     ki: Option<[u8; 2]>,
 }
 
 impl GainChanges {
     /// The new gains.
     pub(crate) fn iter(&self) -> impl Iterator<Item = Gain> {
+        let kp = self.kp.map(|word| Gain::Proportional(u16::from_le_bytes(word)));
+        let kd = self.kd.map(|word| Gain::Derivative(u16::from_le_bytes(word)));
         let ki = self.ki.map(|[integer, fraction]| Gain::Integral { integer, fraction });
-        [self.kp.map(Gain::Proportional), self.kd.map(Gain::Derivative), ki].into_iter().flatten()
+        [kp, kd, ki].into_iter().flatten()
     }
 }
 
@@ -106,8 +109,8 @@ impl Configuration {
                     Loop::Velocity => &mut self.of(channel).velocity,
                 };
                 match gain {
-                    Gain::Proportional(kp) => gains.kp = Some(kp),
-                    Gain::Derivative(kd) => gains.kd = Some(kd),
+                    Gain::Proportional(kp) => gains.kp = Some(kp.to_le_bytes()),
+                    Gain::Derivative(kd) => gains.kd = Some(kd.to_le_bytes()),
                     Gain::Integral { integer, fraction } => gains.ki = Some([integer, fraction]),
                 }
             }
