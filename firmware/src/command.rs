@@ -5,7 +5,9 @@ use protocol::pms5005::{
 };
 
 use crate::control::axis::AxisRefusal;
+use crate::control::pid::HostGains;
 use crate::control::potentiometer;
+use crate::settings::KiReading;
 
 /// Channels 0 and 1 have encoders.
 pub const ENCODERS: usize = 2;
@@ -72,12 +74,13 @@ pub(crate) struct GainChanges {
 }
 
 impl GainChanges {
-    /// The new gains.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = Gain> {
-        let kp = self.kp.map(|word| Gain::Proportional(u16::from_le_bytes(word)));
-        let kd = self.kd.map(|word| Gain::Derivative(u16::from_le_bytes(word)));
-        let ki = self.ki.map(|[integer, fraction]| Gain::Integral { integer, fraction });
-        [kp, kd, ki].into_iter().flatten()
+    /// The gains with these changes.
+    pub(crate) fn apply(&self, gains: HostGains, reading: KiReading) -> HostGains {
+        HostGains {
+            kp: self.kp.map_or(gains.kp, u16::from_le_bytes),
+            kd: self.kd.map_or(gains.kd, u16::from_le_bytes),
+            ki_hundredths: self.ki.map_or(gains.ki_hundredths, |ki| reading.hundredths(ki)),
+        }
     }
 }
 

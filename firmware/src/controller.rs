@@ -312,10 +312,7 @@ impl Controller {
                 [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
             {
                 let before = axis.gains(control_loop);
-                let mut after = before;
-                for gain in gains.iter() {
-                    after.set(gain, self.settings.ki_reading);
-                }
+                let after = gains.apply(before, self.settings.ki_reading);
                 // Scaling divides: not for the channels that a frame leaves alone.
                 if after != before {
                     axis.set_gains(control_loop, after);
@@ -361,9 +358,7 @@ fn angle(channel: Channel, sensor: Sensor, motion: &MotionInputs) -> Option<Coun
     let pots = &motion.potentiometers;
     match sensor {
         Sensor::Encoder => None,
-        Sensor::SinglePotentiometer => {
-            pots.get(channel.index()).map(|&p| Counts::from(p))
-        }
+        Sensor::SinglePotentiometer => pots.get(channel.index()).map(|&p| Counts::from(p)),
         Sensor::DualPotentiometer => {
             let (first, second) = *potentiometer::PAIRS.get(channel.index())?;
             Some(potentiometer::angle(*pots.get(first)?, *pots.get(second)?))

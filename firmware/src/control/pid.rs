@@ -31,9 +31,7 @@ use fixed::{
         extra::{U24, U32, U40},
     },
 };
-use protocol::pms5005::{Gain, Loop};
-
-use crate::settings::KiReading;
+use protocol::pms5005::Loop;
 
 /// log2 of the velocity loop's reset time in periods: 128 ms.
 const RESET_TIME_SHIFT: u32 = 7;
@@ -53,24 +51,6 @@ pub struct HostGains {
 impl HostGains {
     /// The original's defaults.
     pub const DEFAULT: Self = Self { kp: 50, kd: 5, ki_hundredths: 0 };
-
-    /// Takes over one gain from the wire.
-    pub fn set(&mut self, gain: Gain, reading: KiReading) {
-        match gain {
-            Gain::Proportional(kp) => self.kp = kp,
-            Gain::Derivative(kd) => self.kd = kd,
-            Gain::Integral { integer, fraction } => {
-                let whole = u16::from(integer).saturating_mul(100);
-                self.ki_hundredths = match reading {
-                    KiReading::Hundredths => whole.saturating_add(fraction.into()),
-                    KiReading::Fraction256 => {
-                        whole.saturating_add(u16::from(fraction).saturating_mul(100) >> 8)
-                    }
-                    KiReading::WordHundredths => u16::from_le_bytes([integer, fraction]),
-                };
-            }
-        }
-    }
 }
 
 /// Gains in parts of full drive, ready to multiply.

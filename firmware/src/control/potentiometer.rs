@@ -60,7 +60,8 @@ mod tests {
     fn the_angle_is_right_all_the_way_round_whichever_end_the_dead_zone_reads() {
         for dead in [0, FULL_SCALE] {
             for shaft in 0..4428 {
-                let angle = angle(reading(shaft, dead), reading(shaft - HALF_TURN.to_num::<i32>(), dead));
+                let angle =
+                    angle(reading(shaft, dead), reading(shaft - HALF_TURN.to_num::<i32>(), dead));
                 assert_eq!(angle, Counts::from_num(shaft), "at {shaft}, dead {dead}");
             }
         }
