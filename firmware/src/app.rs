@@ -275,8 +275,11 @@ pub async fn link<M: RawMutex, S: Session>(
         let mut buffer = [0; MAX_FRAME];
         loop {
             channels.presence.check_in(Task::Transmit);
-            let snapshot = channels.snapshot.get();
-            let frame = session.borrow_mut().transmit(Instant::now(), &snapshot, &mut buffer);
+            // A frame may take long to send; a snapshot is not kept for so long.
+            let frame = {
+                let snapshot = channels.snapshot.get();
+                session.borrow_mut().transmit(Instant::now(), &snapshot, &mut buffer)
+            };
             match frame {
                 Some(frame) => {
                     publish();

@@ -5,7 +5,9 @@ use protocol::pms5005::{
 };
 
 use crate::control::axis::AxisRefusal;
+use crate::control::pid::HostGains;
 use crate::control::potentiometer;
+use crate::settings::KiReading;
 
 /// Channels 0 and 1 have encoders.
 pub const ENCODERS: usize = 2;
@@ -65,16 +67,20 @@ pub(crate) struct ChannelConfiguration {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct GainChanges {
-    kp: Option<u16>,
-    kd: Option<u16>,
+    /// The words as on the wire.
+    kp: Option<[u8; 2]>,
+    kd: Option<[u8; 2]>,
     ki: Option<[u8; 2]>,
 }
 
 impl GainChanges {
-    /// The new gains.
-    pub(crate) fn iter(&self) -> impl Iterator<Item = Gain> {
-        let ki = self.ki.map(|[integer, fraction]| Gain::Integral { integer, fraction });
-        [self.kp.map(Gain::Proportional), self.kd.map(Gain::Derivative), ki].into_iter().flatten()
+    /// The gains with these changes.
+    pub(crate) fn apply(&self, gains: HostGains, reading: KiReading) -> HostGains {
+        HostGains {
+            kp: self.kp.map_or(gains.kp, u16::from_le_bytes),
+            kd: self.kd.map_or(gains.kd, u16::from_le_bytes),
+            ki_hundredths: self.ki.map_or(gains.ki_hundredths, |ki| reading.hundredths(ki)),
+        }
     }
 }
 
@@ -106,8 +112,8 @@ impl Configuration {
                     Loop::Velocity => &mut self.of(channel).velocity,
                 };
                 match gain {
-                    Gain::Proportional(kp) => gains.kp = Some(kp),
-                    Gain::Derivative(kd) => gains.kd = Some(kd),
+                    Gain::Proportional(kp) => gains.kp = Some(kp.to_le_bytes()),
+                    Gain::Derivative(kd) => gains.kd = Some(kd.to_le_bytes()),
                     Gain::Integral { integer, fraction } => gains.ki = Some([integer, fraction]),
                 }
             }

@@ -205,7 +205,7 @@ impl Controller {
     fn measure(&mut self, motion: &MotionInputs) {
         for (shaft, count) in self.encoders.iter_mut().zip(motion.encoders) {
             // 65536 is two turns of the protocol's scale: the low 15 bits are the position on it.
-            let count = Counts::from_num(count & 0x7FFF);
+            let count = Counts::from(count & 0x7FFF);
             shaft.update(count, scale(Sensor::Encoder));
         }
         for channel in Channel::ALL {
@@ -312,10 +312,7 @@ impl Controller {
                 [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
             {
                 let before = axis.gains(control_loop);
-                let mut after = before;
-                for gain in gains.iter() {
-                    after.set(gain, self.settings.ki_reading);
-                }
+                let after = gains.apply(before, self.settings.ki_reading);
                 // Scaling divides: not for the channels that a frame leaves alone.
                 if after != before {
                     axis.set_gains(control_loop, after);
@@ -361,9 +358,7 @@ fn angle(channel: Channel, sensor: Sensor, motion: &MotionInputs) -> Option<Coun
     let pots = &motion.potentiometers;
     match sensor {
         Sensor::Encoder => None,
-        Sensor::SinglePotentiometer => {
-            pots.get(channel.index()).map(|&p| Counts::saturating_from_num(p))
-        }
+        Sensor::SinglePotentiometer => pots.get(channel.index()).map(|&p| Counts::from(p)),
         Sensor::DualPotentiometer => {
             let (first, second) = *potentiometer::PAIRS.get(channel.index())?;
             Some(potentiometer::angle(*pots.get(first)?, *pots.get(second)?))

@@ -14,6 +14,18 @@ pub enum KiReading {
     WordHundredths,
 }
 
+impl KiReading {
+    /// Ki in hundredths from its two bytes.
+    pub(crate) fn hundredths(self, [integer, fraction]: [u8; 2]) -> u16 {
+        let whole = u16::from(integer) * 100;
+        match self {
+            Self::Hundredths => whole + u16::from(fraction),
+            Self::Fraction256 => whole + ((u16::from(fraction) * 100) >> 8),
+            Self::WordHundredths => u16::from_le_bytes([integer, fraction]),
+        }
+    }
+}
+
 /// When the collision protection (sub-command 13) holds the wheels back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CollisionSettings {

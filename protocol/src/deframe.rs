@@ -15,6 +15,7 @@
 //! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
 //! [`Deframer::give_up`] when the line has been silent too long.
 
+use core::cell::Cell;
 use core::marker::PhantomData;
 
 /// What the receiver must know of a format. All that we speak begin with two fixed bytes and
@@ -223,8 +224,10 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
 
     fn drop_front(&mut self, count: usize) {
         if let Some(rest) = self.held.checked_sub(count) {
-            if rest > 0 {
-                self.buffer.copy_within(count..self.held, 0);
+            // Rarely any: not worth the kilobyte of `copy_within`.
+            let bytes = Cell::from_mut(self.buffer.as_mut_slice()).as_slice_of_cells();
+            for (to, from) in bytes.iter().zip(bytes.iter().skip(count)).take(rest) {
+                to.set(from.get());
             }
             self.held = rest;
             // What is left is judged from its beginning.

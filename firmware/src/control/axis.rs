@@ -22,6 +22,7 @@ use protocol::pms5005::{Loop, Method, Polarity, Sensor};
 
 use super::pid::{Gains, HostGains, Limits, Pid};
 use super::ring::Scale;
+use super::saturate;
 use super::trajectory::Ramp;
 use crate::ports::MotorOutput;
 use crate::units::{Counts, CountsPerSecond, Duty};
@@ -33,7 +34,7 @@ const STOP_OFF: u16 = 95;
 
 /// When the host falls silent a position loop holds what is within so many counts of the shaft:
 /// more than a loaded joint sags, less than a way worth speaking of.
-const HOLD_BAND: i32 = 128;
+const HOLD_BAND: Counts = Counts::const_from_int(128);
 
 /// Periods in which the drive crosses over from one loop to another: 64 ms.
 pub const HANDOVER: u8 = 1 << HANDOVER_SHIFT;
@@ -189,9 +190,9 @@ impl Axis {
             // The full turn of two potentiometers is the same place as 0.
             Method::Position => match scale(self.sensor) {
                 Scale::Circle(turn) if i32::from(target) == i32::from(turn) => 0,
-                _ => Counts::from_num(target).to_bits(),
+                _ => Counts::from(target).to_bits(),
             },
-            Method::Velocity => CountsPerSecond::from_num(target).to_bits(),
+            Method::Velocity => CountsPerSecond::from(target).to_bits(),
         };
         self.head_for(Goal { method, value }, periods, now);
         if method == Method::Pwm && periods == 0 {
@@ -235,8 +236,7 @@ impl Axis {
             (State::Running, Method::Position) => {
                 let scale = scale(self.sensor);
                 let ahead = scale.difference(Counts::from_bits(self.set_point), now.position);
-                let band = Counts::saturating_from_num(HOLD_BAND);
-                let held = ahead.clamp(band.saturating_neg(), band);
+                let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
                 self.set_point = scale.advance(now.position, held).to_bits();
                 self.ramp = Ramp::NONE;
             }
@@ -335,7 +335,7 @@ impl Axis {
             Method::Position => self.position_loop(now, slope, limits),
             Method::Velocity => self.velocity_loop(now, rate, limits),
         };
-        self.drive = self.cross_over(own).clamp(limits.low, limits.high);
+        self.drive = limits.apply(self.cross_over(own));
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
@@ -459,6 +459,5 @@ pub fn scale(sensor: Sensor) -> Scale {
 
 /// Drive in parts of full drive to a duty, rounded to the nearest.
 fn to_duty(drive: I32F32) -> Duty {
-    let rounded = drive.to_bits().saturating_add(1 << 17) >> 18;
-    Duty::from_raw(i32::try_from(rounded).unwrap_or(if rounded < 0 { i32::MIN } else { i32::MAX }))
+    Duty::from_raw(saturate(drive.to_bits().saturating_add(1 << 17) >> 18))
 }

@@ -32,3 +32,8 @@ pub mod ring;
 pub mod servo;
 pub mod trajectory;
 pub mod velocity;
+
+/// The number itself, or the nearest one of 32 bits.
+fn saturate(number: i64) -> i32 {
+    i32::try_from(number).unwrap_or(if number < 0 { i32::MIN } else { i32::MAX })
+}

@@ -25,15 +25,13 @@
 //! expect the speed to be held: a proportional term alone would settle well below the set-point.
 
 use fixed::{
-    FixedI32,
+    FixedI32, FixedI64,
     types::{
         I24F8, I32F32,
-        extra::{U24, U32},
+        extra::{U24, U32, U40},
     },
 };
-use protocol::pms5005::{Gain, Loop};
-
-use crate::settings::KiReading;
+use protocol::pms5005::Loop;
 
 /// log2 of the velocity loop's reset time in periods: 128 ms.
 const RESET_TIME_SHIFT: u32 = 7;
@@ -53,24 +51,6 @@ pub struct HostGains {
 impl HostGains {
     /// The original's defaults.
     pub const DEFAULT: Self = Self { kp: 50, kd: 5, ki_hundredths: 0 };
-
-    /// Takes over one gain from the wire.
-    pub fn set(&mut self, gain: Gain, reading: KiReading) {
-        match gain {
-            Gain::Proportional(kp) => self.kp = kp,
-            Gain::Derivative(kd) => self.kd = kd,
-            Gain::Integral { integer, fraction } => {
-                let whole = u16::from(integer).saturating_mul(100);
-                self.ki_hundredths = match reading {
-                    KiReading::Hundredths => whole.saturating_add(fraction.into()),
-                    KiReading::Fraction256 => {
-                        whole.saturating_add(u16::from(fraction).saturating_mul(100) >> 8)
-                    }
-                    KiReading::WordHundredths => u16::from_le_bytes([integer, fraction]),
-                };
-            }
-        }
-    }
 }
 
 /// Gains in parts of full drive, ready to multiply.
@@ -89,11 +69,12 @@ impl Gains {
     pub fn new(control_loop: Loop, gains: HostGains) -> Self {
         let (kp, kd) = (i32::from(gains.kp), i32::from(gains.kd));
         // Ki a second is Ki / 1000 a period, and it counts hundredths; 2^32 is the unit of `ki`.
+        // 2^32 / 100_000 = 2^27 / 3125; the division, rounded, is in two parts to fit 32 bits.
+        let hundredths = i32::from(gains.ki_hundredths);
+        let (whole, rest) = (hundredths / 3125, hundredths % 3125);
         let ki = |log2: u32| {
-            let bits = (i64::from(gains.ki_hundredths) << (32_u32.saturating_sub(log2)))
-                .saturating_add(50_000)
-                .checked_div(100_000);
-            i32::try_from(bits.unwrap_or(0)).unwrap_or(i32::MAX)
+            let shift = 27_u32.saturating_sub(log2);
+            (whole << shift).saturating_add((rest << shift).saturating_add(3125 / 2) / 3125)
         };
         match control_loop {
             Loop::Position => Self {
@@ -124,12 +105,20 @@ pub struct Limits {
 impl Limits {
     /// Full drive both ways.
     pub const FULL: Self = Self { low: I32F32::NEG_ONE, high: I32F32::ONE };
+
+    /// The drive, or the limit that it is beyond.
+    pub fn apply(&self, drive: I32F32) -> I32F32 {
+        drive.min(self.high).max(self.low)
+    }
 }
+
+/// Drive with 8 more bits below the point, so that no part of an error is too small to add up.
+type Integral = FixedI64<U40>;
 
 /// One loop's memory: the integral, in parts of full drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pid {
-    integral: fixed::FixedI64<fixed::types::extra::U40>,
+    integral: Integral,
 }
 
 impl Pid {
@@ -155,17 +144,20 @@ impl Pid {
 
         let more = gains.ki.wide_mul(error);
         let integral = self.integral.saturating_add(more);
-        let drive = others.saturating_add(I32F32::saturating_from_num(integral));
+        let drive = others.saturating_add(to_drive(integral));
         let deeper = (drive > limits.high && more > 0) || (drive < limits.low && more < 0);
         // The limits may have tightened since: what is kept has to fit them too.
         let kept = if deeper { self.integral } else { integral };
-        self.integral = kept.clamp(from_drive(limits.low), from_drive(limits.high));
-        others
-            .saturating_add(I32F32::saturating_from_num(self.integral))
-            .clamp(limits.low, limits.high)
+        self.integral = kept.min(from_drive(limits.high)).max(from_drive(limits.low));
+        limits.apply(others.saturating_add(to_drive(self.integral)))
     }
 }
 
-fn from_drive(drive: I32F32) -> fixed::FixedI64<fixed::types::extra::U40> {
-    fixed::FixedI64::saturating_from_num(drive)
+fn to_drive(integral: Integral) -> I32F32 {
+    I32F32::from_bits(integral.to_bits() >> 8)
+}
+
+/// For limits: they are within -1 and 1, far from the type's.
+fn from_drive(limit: I32F32) -> Integral {
+    Integral::from_bits(limit.to_bits() << 8)
 }

@@ -9,7 +9,7 @@ use super::ring::Scale;
 use crate::units::Counts;
 
 /// Half a turn in counts.
-const HALF_TURN: i32 = 2214;
+const HALF_TURN: Counts = Counts::const_from_int(2214);
 /// The highest reading.
 const FULL_SCALE: u16 = 4095;
 /// Readings nearer to an end than this are not trusted at all: the wiper may be leaving the track.
@@ -26,11 +26,8 @@ pub const PAIRS: [(usize, usize); 3] = [(0, 5), (1, 4), (2, 3)];
 /// `first` and `second` are A/D readings, 0 to 4095.
 pub fn angle(first: u16, second: u16) -> Counts {
     let dual = Scale::DUAL_POTENTIOMETER;
-    let first_angle = Counts::saturating_from_num(first.min(FULL_SCALE));
-    let second_angle = dual.advance(
-        Counts::saturating_from_num(second.min(FULL_SCALE)),
-        Counts::saturating_from_num(HALF_TURN),
-    );
+    let first_angle = Counts::from(first.min(FULL_SCALE));
+    let second_angle = dual.advance(Counts::from(second.min(FULL_SCALE)), HALF_TURN);
     let (first_trust, second_trust) = (trust(first), trust(second));
     let total = first_trust.saturating_add(second_trust);
     if total == 0 {
@@ -63,7 +60,8 @@ mod tests {
     fn the_angle_is_right_all_the_way_round_whichever_end_the_dead_zone_reads() {
         for dead in [0, FULL_SCALE] {
             for shaft in 0..4428 {
-                let angle = angle(reading(shaft, dead), reading(shaft - HALF_TURN, dead));
+                let angle =
+                    angle(reading(shaft, dead), reading(shaft - HALF_TURN.to_num::<i32>(), dead));
                 assert_eq!(angle, Counts::from_num(shaft), "at {shaft}, dead {dead}");
             }
         }
@@ -74,7 +72,7 @@ mod tests {
         let mismatch = 40;
         let mut last = None;
         for shaft in 0..2 * 4428 {
-            let second = reading(shaft - HALF_TURN, 0);
+            let second = reading(shaft - HALF_TURN.to_num::<i32>(), 0);
             let second = if second > 0 { (second + mismatch).min(FULL_SCALE) } else { 0 };
             let now = angle(reading(shaft, 0), second);
             if let Some(last) = last {

@@ -24,7 +24,7 @@ impl Scale {
         match self {
             Self::Line => straight,
             Self::Circle(turn) => {
-                let turn = Counts::saturating_from_num(turn);
+                let turn = Counts::from(turn);
                 let half: Counts = turn.wrapping_shr(1);
                 if straight >= half {
                     straight.saturating_sub(turn)
@@ -43,7 +43,7 @@ impl Scale {
         match self {
             Self::Line => there,
             Self::Circle(turn) => {
-                let turn = Counts::saturating_from_num(turn);
+                let turn = Counts::from(turn);
                 if there >= turn {
                     there.saturating_sub(turn)
                 } else if there < Counts::ZERO {

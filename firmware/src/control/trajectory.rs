@@ -32,10 +32,13 @@ impl Ramp {
     pub fn new(way: i32, periods: u16) -> Self {
         let periods = periods.max(1);
         let n = i32::from(periods);
-        let per_second = i64::from(way)
-            .saturating_mul(PERIODS_PER_SECOND.into())
-            .checked_div(n.into())
-            .and_then(|slope| i32::try_from(slope).ok());
+        // way * 1000 / n, in two parts because the product may need more than 32 bits.
+        let slope = |whole: i32, rest: i32| {
+            whole
+                .checked_mul(PERIODS_PER_SECOND)?
+                .checked_add(rest.checked_mul(PERIODS_PER_SECOND)?.checked_div(n)?)
+        };
+        let per_second = slope(way.checked_div(n).unwrap_or(0), way.checked_rem(n).unwrap_or(0));
         Self {
             left: periods,
             periods,

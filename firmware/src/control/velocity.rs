@@ -13,8 +13,9 @@
 //! ramp), and both corrections are shifts. Ripple from the quantisation, as measured by the test
 //! below: less than 1/15 of the plain difference's at 40 and at 400 counts/s.
 
-use fixed::types::{I16F16, I24F8, I40F24};
+use fixed::types::I16F16;
 
+use super::saturate;
 use crate::units::{Counts, CountsPerSecond, PERIODS_PER_SECOND};
 
 /// alpha = 2^-2.
@@ -39,8 +40,9 @@ impl VelocityEstimator {
 
     /// One period: the shaft has moved by `moved` counts. Answers its velocity.
     pub fn update(&mut self, moved: Counts) -> CountsPerSecond {
-        let lead =
-            self.lead.saturating_add(I16F16::saturating_from_num(moved)).saturating_sub(self.rate);
+        // The model has 8 more bits below the point than counts have.
+        let moved = I16F16::from_bits(moved.to_bits().saturating_mul(1 << 8));
+        let lead = self.lead.saturating_add(moved).saturating_sub(self.rate);
         self.rate = self.rate.saturating_add(lead.wrapping_shr(BETA_SHIFT));
         self.lead = lead.saturating_sub(lead.wrapping_shr(ALPHA_SHIFT));
         self.velocity()
@@ -48,8 +50,8 @@ impl VelocityEstimator {
 
     /// The velocity last estimated.
     pub fn velocity(&self) -> CountsPerSecond {
-        let per_second = I40F24::from_num(self.rate).saturating_mul_int(PERIODS_PER_SECOND.into());
-        I24F8::saturating_from_num(per_second)
+        let per_second = i64::from(self.rate.to_bits()).saturating_mul(PERIODS_PER_SECOND.into());
+        CountsPerSecond::from_bits(saturate(per_second >> 8))
     }
 }
 

@@ -117,7 +117,7 @@ impl Report {
         }
         let frame = Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data.bytes };
         let frame = frame.encode(out)?;
-        avoid_false_etx_in_checksum(frame, data.measured);
+        avoid_false_etx_in_checksum(frame, &data.measured);
         Ok(frame)
     }
 
@@ -232,8 +232,8 @@ impl Reader<'_> {
 #[derive(Default)]
 struct Fields {
     bytes: heapless::Vec<u8, { len::SENSORS }>,
-    /// Bit n: byte n of DATA is the low byte of a measured value.
-    measured: u64,
+    /// Where the low bytes of measured values stand.
+    measured: heapless::Vec<u8, { len::SENSORS }>,
 }
 
 impl Fields {
@@ -260,22 +260,24 @@ impl Fields {
         }
     }
 
+    /// What comes next is measured.
     fn mark(&mut self) {
-        let bit = u32::try_from(self.bytes.len()).ok().and_then(|at| 1u64.checked_shl(at));
-        self.measured |= bit.unwrap_or(0);
+        if let Ok(at) = u8::try_from(self.bytes.len()) {
+            let _ = self.measured.push(at);
+        }
     }
 }
 
 /// The last byte of DATA and the checksum can be a false end mark too. The last byte is then a
 /// flag (inputs = 0x5E), so the first measured value that can give way without making another
 /// false mark changes the checksum instead.
-fn avoid_false_etx_in_checksum(frame: &mut [u8], measured: u64) {
+fn avoid_false_etx_in_checksum(frame: &mut [u8], measured: &[u8]) {
     if !matches!(frame, [.., before, crc, _, _] if [*before, *crc] == ETX) {
         return;
     }
     let marks = |frame: &[u8]| frame.windows(ETX.len()).filter(|pair| *pair == ETX).count();
     let before = marks(frame);
-    for at in (0..len::SENSORS).filter(|at| (measured >> at) & 1 == 1) {
+    for at in measured.iter().map(|&at| usize::from(at)) {
         nudge(frame, at);
         if marks(frame) < before {
             return;

@@ -222,7 +222,7 @@ impl Answers {
     /// The report that is due, if any, the streams taking turns; its stream moves on to its next
     /// period, past those that it has missed.
     fn next_report(&mut self, now: Instant) -> Option<Reports> {
-        let period = telemetry_period(&self.settings);
+        let period = telemetry_period(&self.settings).as_ticks() as u32; // at most 65.5 s
         let is_due = |stream: &Stream| stream.repeat != Repeat::Stop && stream.due <= now;
         let turn = (0..REPORTS.len())
             .map(|k| (self.turn + k) % REPORTS.len())
@@ -233,9 +233,10 @@ impl Answers {
             let left = NonZeroU8::new(times.get() - 1);
             stream.repeat = left.map_or(Repeat::Stop, Repeat::Times);
         }
-        let missed = (now - stream.due).as_ticks() / period.as_ticks();
-        stream.due += Duration::from_ticks((missed + 1) * period.as_ticks());
-        count(&mut self.counters.telemetry_skipped, missed as u32); // wraps, as documented
+        // 32 bits are over an hour; a line that was blocked for longer takes up a new rhythm.
+        let late = u32::try_from((now - stream.due).as_ticks()).unwrap_or(u32::MAX);
+        count(&mut self.counters.telemetry_skipped, late / period);
+        stream.due = now + Duration::from_ticks((period - late % period).into());
         Some(REPORTS[turn])
     }
 

@@ -10,12 +10,12 @@ use crate::units::Duty;
 
 /// The wire's motion command in the controller's vocabulary.
 pub(super) fn motion(command: &Move) -> Command {
-    let Move { targets, periods, .. } = *command;
+    let Move { mut targets, periods, .. } = *command;
     match command.quantity {
         Quantity::Position => Command::Drive { method: Method::Position, targets, periods },
         Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods },
         Quantity::Pwm => {
-            let targets = targets.map(|target| target.map(duty));
+            targets.iter_mut().flatten().for_each(|target| *target = duty(*target));
             Command::Drive { method: Method::Pwm, targets, periods }
         }
         Quantity::Servo => Command::MoveServos { targets, periods },
