@@ -9,8 +9,9 @@
 //! and encode reports with it; hosts and tests do the opposite with the same types.
 //!
 //! - [`deframe`]: the resynchronising receiver, generic over a [`deframe::Framing`];
-//! - [`dynamixel`]: the servo bus of the CM-5 and its AX-12 servos;
-//! - [`pms5005`]: the WiRobot PMS5005 motion and sensing controller.
+//! - [`pms5005`]: the WiRobot PMS5005 motion and sensing controller;
+//! - [`arcos`]: the packets of ARCOS, and the Pioneer Arm's among them;
+//! - [`dynamixel`]: the servo bus of the CM-5 and its AX-12 servos.
 //!
 //! # Promises
 //! - Any bytes, in chunks of any size, never panic: there is no indexing, no `unwrap`, no
@@ -39,6 +40,7 @@
     )
 )]
 
+pub mod arcos;
 pub mod deframe;
 pub mod dynamixel;
 pub mod pms5005;

@@ -1,0 +1,141 @@
+//! What opens, keeps and closes a session, and what a robot tells of itself.
+//!
+//! Before a session a host sends SYNC0, SYNC1 and SYNC2 and waits for the answer to each; then
+//! OPEN. PULSE keeps an idle session alive, CLOSE ends it. The numbers of both sets are the same:
+//! only where the session stands tells SYNC1 from an OPEN without argument. Source: facts,
+//! "Session".
+
+use super::packet::{Data, EncodeError, Packet, append, append_text, take_text};
+
+/// The numbers of the session's commands. Before a session 0, 1 and 2 are SYNC0, SYNC1 and SYNC2.
+pub mod command {
+    /// Nothing but a sign of life.
+    pub const PULSE: u8 = 0;
+    /// Opens the session: with the integer 1, or with no argument.
+    pub const OPEN: u8 = 1;
+    /// Ends the session.
+    pub const CLOSE: u8 = 2;
+}
+
+/// SYNC0, SYNC1, SYNC2, as a host sends them; the robot's answers to the first two are the same
+/// packets.
+pub const SYNC: [Packet<'static>; 3] =
+    [Packet { id: 0, data: &[] }, Packet { id: 1, data: &[] }, Packet { id: 2, data: &[] }];
+
+/// The answer to SYNC2: who the robot is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Names<'a> {
+    /// This robot. Hosts exist that keep no more than 19 bytes of each of the three.
+    pub name: &'a str,
+    /// What hosts choose their behaviour by: `Pioneer`.
+    pub class: &'a str,
+    /// What hosts choose their parameters by: `p3dx`.
+    pub subclass: &'a str,
+}
+
+impl<'a> Names<'a> {
+    /// Writes the whole packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError`].
+    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let mut data = Data::new();
+        for text in [self.name, self.class, self.subclass] {
+            append_text(&mut data, text)?;
+        }
+        Packet { id: SYNC[2].id, data: &data }.encode(out)
+    }
+
+    /// Reads the names from an intact packet; `None` if it is another.
+    pub fn parse(packet: &Packet<'a>) -> Option<Self> {
+        let mut data = (packet.id == SYNC[2].id).then_some(packet.data)?;
+        Some(Self {
+            name: take_text(&mut data)?,
+            class: take_text(&mut data)?,
+            subclass: take_text(&mut data)?,
+        })
+    }
+}
+
+/// The standard information packet, in the shortest form that hosts accept: no sonar readings and
+/// nothing behind them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Standard {
+    /// Odometry, in the robot's units.
+    pub x: u16,
+    /// Odometry, in the robot's units.
+    pub y: u16,
+    /// Odometry, in the robot's units.
+    pub heading: i16,
+    /// Velocity of the left and the right wheels, in mm/s.
+    pub velocities: [i16; 2],
+    /// Battery, in 0.1 V.
+    pub battery_dv: u8,
+    /// Stalled wheels and bumpers, as bits.
+    pub stall: u16,
+    /// Set-point of the heading.
+    pub control: i16,
+    /// Motors enabled, and others, as bits.
+    pub flags: u16,
+    /// Compass, in 2 degrees.
+    pub compass: u8,
+}
+
+impl Standard {
+    /// Its id for a robot that does not drive.
+    pub const ID: u8 = 0x32;
+
+    /// Writes the whole packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`].
+    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let mut data = Data::new();
+        append(&mut data, &self.x.to_le_bytes())?;
+        append(&mut data, &self.y.to_le_bytes())?;
+        append(&mut data, &self.heading.to_le_bytes())?;
+        for velocity in self.velocities {
+            append(&mut data, &velocity.to_le_bytes())?;
+        }
+        append(&mut data, &[self.battery_dv])?;
+        append(&mut data, &self.stall.to_le_bytes())?;
+        append(&mut data, &self.control.to_le_bytes())?;
+        append(&mut data, &self.flags.to_le_bytes())?;
+        append(&mut data, &[self.compass, NO_SONAR])?;
+        Packet { id: Self::ID, data: &data }.encode(out)
+    }
+
+    /// Reads an intact packet; `None` if it is another, or of another form.
+    pub fn parse(packet: &Packet<'_>) -> Option<Self> {
+        if packet.id != Self::ID {
+            return None;
+        }
+        let word = |at: usize| {
+            let bytes = packet.data.get(at..)?.first_chunk::<2>()?;
+            Some(u16::from_le_bytes(*bytes))
+        };
+        let signed = |at| word(at).map(u16::cast_signed);
+        match packet.data {
+            &[.., compass, NO_SONAR] if packet.data.len() == Self::DATA => Some(Self {
+                x: word(0)?,
+                y: word(2)?,
+                heading: signed(4)?,
+                velocities: [signed(6)?, signed(8)?],
+                battery_dv: *packet.data.get(10)?,
+                stall: word(11)?,
+                control: signed(13)?,
+                flags: word(15)?,
+                compass,
+            }),
+            _ => None,
+        }
+    }
+
+    /// Bytes of data in this form.
+    const DATA: usize = 19;
+}
+
+/// How many sonar readings follow.
+const NO_SONAR: u8 = 0;
