@@ -1,5 +1,7 @@
 //! What an owner may choose, with the defaults that suit a correctly wired original.
 
+use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
+
 use crate::units::Duty;
 
 /// How the two bytes of Ki are read; hosts disagree.
@@ -68,13 +70,50 @@ pub struct LinkSettings {
     pub telemetry_period_ms: u16,
 }
 
+/// The Pioneer Arm's settings.
+///
+/// The original's joint values are in no document that is left. The defaults are ours: every joint
+/// has its home and its centre at 127, and with 140 ticks to 90 degrees the whole byte is 0.59 to
+/// 2.41 ms of pulse (81 degrees either way), which hobby servos bear. A tick is 7 us.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ArmSettings {
+    /// What ARMpac's status bytes mean; default the manual's, motion in bits 1 to 6.
+    pub dialect: Dialect,
+    /// The joints: ranges in ticks, the speed at boot in ms a tick. A pulse is
+    /// 1.5 ms + (ticks - centre) / ticks_per_90 ms.
+    pub joints: [JointInfo; JOINTS],
+    /// Idle seconds until the arm parks itself, 0 is never; default 600.
+    pub autopark_s: u16,
+    /// Seconds until a closed gripper goes home, 0 is never; default 300.
+    pub grippark_s: u16,
+}
+
+impl ArmSettings {
+    /// The defaults named at each field.
+    pub const DEFAULT: Self = Self {
+        dialect: Dialect::Manual(MotionBits::OneToSix),
+        joints: [JointInfo {
+            ms_per_tick: 20,
+            home: 127,
+            min: 0,
+            centre: 127,
+            max: 255,
+            ticks_per_90: 140,
+        }; JOINTS],
+        autopark_s: 600,
+        grippark_s: 300,
+    };
+}
+
 /// All settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// The controller's.
     pub control: ControlSettings,
-    /// The link's.
+    /// The PMS5005's link's.
     pub link: LinkSettings,
+    /// The Pioneer Arm's.
+    pub arm: ArmSettings,
 }
 
 impl Settings {
@@ -95,6 +134,7 @@ impl Settings {
             },
         },
         link: LinkSettings { telemetry_period_ms: 50 },
+        arm: ArmSettings::DEFAULT,
     };
 }
 

@@ -21,11 +21,17 @@ impl Servo {
         Self { set_point: None, ramp: Ramp::NONE, enabled: false }
     }
 
-    /// Enables the servo and moves the pulse width to `target` (1/2250 ms) in so many periods.
+    /// Enables the servo and moves the pulse width to `target` (1/2250 ms) in so many periods. In
+    /// 0 it is there at once: there is no move left for a silent host to break off.
     pub fn go(&mut self, target: i16, periods: u16) {
         let target = i32::from(target);
         let from = *self.set_point.get_or_insert(target);
-        self.ramp = Ramp::new(target.saturating_sub(from), periods);
+        if periods == 0 {
+            self.set_point = Some(target);
+            self.ramp = Ramp::NONE;
+        } else {
+            self.ramp = Ramp::new(target.saturating_sub(from), periods);
+        }
         self.enabled = true;
     }
 

@@ -3,6 +3,7 @@
 //! A [`Session`] is one without I/O: bytes and the time go in, [`Request`]s and bytes come out. It
 //! knows the wire and the controller's vocabulary, never a port. `app::link` runs any of them.
 
+pub mod pioneer_arm;
 pub mod pms5005;
 mod reception;
 

@@ -1,0 +1,297 @@
+//! The arm behind the packets: six joints, their power, and the line that tells that it is there.
+//!
+//! Rules (facts, "Commands", and the manual's page where it speaks):
+//! - power goes off only when all joints are home, whoever asks for it: POWER 0, PARK, INIT, the
+//!   end of a session, or the arm's own link. So no joint falls, and at power-up none has far to go;
+//! - until it is off the latest command counts: a position, STOP or POWER 1 calls a park off;
+//! - where nobody may be watching (the end of a session, AUTOPARK, the gripper's turn, a lost arm)
+//!   a joint goes home no faster than its calibrated speed;
+//! - an arm that is lost while it has power is parked, and takes orders again only after INIT has
+//!   found it. One that is lost without power is forgotten until CHECK or INIT finds it.
+
+use embassy_time::{Duration, Instant};
+use protocol::arcos::Joint as Number;
+use protocol::arcos::{ArmCommand, ArmInfo, ArmStatus, JOINTS, JointInfo, Joints};
+use protocol::pms5005::Scope;
+
+use super::joint::{Joint, Limited};
+use crate::command::Command;
+use crate::settings::ArmSettings;
+
+/// What INIT takes.
+const RESET_TIME: Duration = Duration::from_millis(700);
+/// What CHECK takes.
+const CHECK_TIME: Duration = Duration::from_millis(200);
+/// How often the arm's line is looked at; it is read no faster.
+const LOOK_PERIOD: Duration = Duration::from_millis(20);
+
+/// What ARMINFOpac calls us.
+const VERSION: &str = concat!("Open arm ", env!("CARGO_PKG_VERSION"));
+
+/// Why a command is ignored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(super) enum Ignored {
+    /// A reset is under way.
+    Resetting,
+    /// No arm is connected.
+    NotConnected,
+    /// The arm was lost while it had power: it needs INIT.
+    NeedsInit,
+    /// The servos have no power.
+    NoPower,
+}
+
+/// Servo power.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Power {
+    Off,
+    On,
+    /// On, and off as soon as all joints are home.
+    Parking,
+}
+
+/// The arm. See the [module](self).
+pub(super) struct Arm {
+    settings: ArmSettings,
+    joints: [Joint; JOINTS],
+    power: Power,
+    connected: bool,
+    needs_init: bool,
+    /// When INIT, and when CHECK, will be done, if one is under way.
+    reset_until: Option<Instant>,
+    check_until: Option<Instant>,
+    looks_at: Instant,
+    autopark_s: u16,
+    grippark_s: u16,
+    /// The last command, or power-up.
+    idle_since: Instant,
+    closed_since: Option<Instant>,
+    /// The pulses that the board was last told to give.
+    driven: [Option<i16>; JOINTS],
+    /// Times that the arm was lost while it had power; wraps.
+    lost: u32,
+}
+
+impl Arm {
+    /// The arm at boot: without power. Nobody can know where its joints stand; they count as home.
+    pub fn new(settings: ArmSettings, now: Instant) -> Self {
+        Self {
+            joints: settings.joints.map(Joint::new),
+            power: Power::Off,
+            // The first look tells.
+            connected: true,
+            needs_init: false,
+            reset_until: None,
+            check_until: None,
+            looks_at: now,
+            autopark_s: settings.autopark_s,
+            grippark_s: settings.grippark_s,
+            idle_since: now,
+            closed_since: None,
+            driven: [None; JOINTS],
+            lost: 0,
+            settings,
+        }
+    }
+
+    /// For ARMpac.
+    pub fn status(&self) -> ArmStatus {
+        ArmStatus {
+            powered: self.power != Power::Off,
+            connected: self.connected,
+            initialised: self.connected && !self.needs_init && self.reset_until.is_none(),
+            homing: self.joints.iter().any(Joint::is_homing),
+            moving: self.joints.each_ref().map(Joint::is_moving),
+            positions: self.joints.each_ref().map(Joint::position),
+        }
+    }
+
+    /// For ARMINFOpac.
+    pub fn info(&self) -> ArmInfo<'static> {
+        if self.connected {
+            let joints: [JointInfo; JOINTS] = self.joints.each_ref().map(Joint::info);
+            ArmInfo::Arm { version: VERSION, joints }
+        } else {
+            ArmInfo::NoArm
+        }
+    }
+
+    /// Times that the arm was lost while it had power; wraps.
+    pub fn lost(&self) -> u32 {
+        self.lost
+    }
+
+    /// Carries a command out, or says why not. What it asks of the board comes from
+    /// [`advance`](Self::advance), INFO and STATUS are the session's to answer; they too keep the
+    /// arm from parking itself.
+    pub fn carry_out(&mut self, command: ArmCommand, now: Instant) -> Result<Limited, Ignored> {
+        self.idle_since = now;
+        if matches!(command, ArmCommand::Info | ArmCommand::Status(_)) {
+            return Ok(Limited(false));
+        }
+        if self.reset_until.is_some() {
+            return Err(Ignored::Resetting);
+        }
+        let mut limited = Limited(false);
+        match command {
+            ArmCommand::Info | ArmCommand::Status(_) => {}
+            ArmCommand::Init => {
+                self.park(false, now);
+                self.check_until = None;
+                self.reset_until = Some(now.saturating_add(RESET_TIME));
+            }
+            ArmCommand::Check => self.check_until = Some(now.saturating_add(CHECK_TIME)),
+            ArmCommand::Power(true) => {
+                self.obeys()?;
+                self.power = Power::On;
+            }
+            ArmCommand::Power(false) | ArmCommand::Park => self.park(false, now),
+            ArmCommand::Home(joints) => {
+                self.moves()?;
+                self.each(joints, |joint| joint.home(false, now));
+            }
+            ArmCommand::Position { joint, ticks } => {
+                self.moves()?;
+                self.power = Power::On;
+                limited = self.of(joint).go(ticks, now);
+            }
+            ArmCommand::Speed { joint, ms_per_tick } => {
+                limited = self.of(joint).set_speed(ms_per_tick);
+            }
+            ArmCommand::Stop(joints) => {
+                self.moves()?;
+                self.power = Power::On;
+                self.each(joints, Joint::stop);
+            }
+            ArmCommand::AutoPark(seconds) => self.autopark_s = seconds,
+            ArmCommand::GripPark(seconds) => self.grippark_s = seconds,
+        }
+        Ok(limited)
+    }
+
+    /// The host has gone: the arm is parked, and the times are again what the settings say.
+    /// Speeds stay.
+    pub fn end_session(&mut self, now: Instant) {
+        self.park(true, now);
+        self.autopark_s = self.settings.autopark_s;
+        self.grippark_s = self.settings.grippark_s;
+    }
+
+    /// When [`advance`](Self::advance) has something to do.
+    pub fn wakes_at(&self) -> Instant {
+        let steps = self.joints.iter().filter_map(Joint::steps_at);
+        let probes = [self.reset_until, self.check_until].into_iter().flatten();
+        let earliest = steps.chain(probes).fold(self.looks_at, Instant::min);
+        // A command may have asked for something to be done now.
+        if self.pulses() == self.driven { earliest } else { Instant::MIN }
+    }
+
+    /// Lets time pass, and tells what that asks of the board. `present` is the arm's line.
+    /// Call it until it answers `None`.
+    pub fn advance(&mut self, now: Instant, present: bool) -> Option<Command> {
+        self.looks_at = now.saturating_add(LOOK_PERIOD);
+        self.watch(now, present);
+        self.keep_times(now);
+        for joint in &mut self.joints {
+            joint.step(now);
+        }
+        if self.power == Power::Parking && !self.joints.iter().any(Joint::is_moving) {
+            self.power = Power::Off;
+        }
+        self.drive()
+    }
+
+    /// Whether the arm is there, and what a probe has found.
+    fn watch(&mut self, now: Instant, present: bool) {
+        if self.connected && !present {
+            self.connected = false;
+            if self.power != Power::Off {
+                self.needs_init = true;
+                self.lost = self.lost.wrapping_add(1);
+                self.park(true, now);
+            }
+        }
+        if self.reset_until.take_if(|until| *until <= now).is_some() {
+            self.connected = present;
+            self.needs_init &= !present;
+        }
+        if self.check_until.take_if(|until| *until <= now).is_some() {
+            self.connected = present;
+        }
+    }
+
+    /// AUTOPARK and GRIPPARK.
+    fn keep_times(&mut self, now: Instant) {
+        let is_over = |since: Instant, seconds: u16| {
+            seconds > 0 && now >= since.saturating_add(Duration::from_secs(seconds.into()))
+        };
+        let gripper = &mut self.joints[Number::GRIPPER.index()];
+        if self.power == Power::Off || !gripper.is_closed() {
+            self.closed_since = None;
+        } else if is_over(*self.closed_since.get_or_insert(now), self.grippark_s) {
+            gripper.home(true, now);
+        }
+        if self.power == Power::On && is_over(self.idle_since, self.autopark_s) {
+            self.park(true, now);
+        }
+    }
+
+    /// The next command that brings the board's pulses to what the joints need.
+    fn drive(&mut self) -> Option<Command> {
+        let pulses = self.pulses();
+        if pulses == self.driven {
+            return None;
+        }
+        let before = core::mem::replace(&mut self.driven, pulses);
+        if self.power == Power::Off {
+            return Some(Command::Run { scope: Scope::All, run: false });
+        }
+        let mut targets = pulses;
+        for (target, before) in targets.iter_mut().zip(before) {
+            // A joint that stands is left alone.
+            if *target == before {
+                *target = None;
+            }
+        }
+        Some(Command::MoveServos { targets, periods: 0 })
+    }
+
+    /// The pulses that the joints need; none without power.
+    fn pulses(&self) -> [Option<i16>; JOINTS] {
+        self.joints.each_ref().map(|joint| (self.power != Power::Off).then(|| joint.pulse()))
+    }
+
+    /// All joints home, then power off.
+    fn park(&mut self, unhurried: bool, now: Instant) {
+        if self.power != Power::Off {
+            self.power = Power::Parking;
+            self.each(Joints::All, |joint| joint.home(unhurried, now));
+        }
+    }
+
+    /// Whether the arm takes orders.
+    fn obeys(&self) -> Result<(), Ignored> {
+        match (self.connected, self.needs_init) {
+            (true, false) => Ok(()),
+            (true, true) => Err(Ignored::NeedsInit),
+            (false, _) => Err(Ignored::NotConnected),
+        }
+    }
+
+    /// Whether it takes orders to move.
+    fn moves(&self) -> Result<(), Ignored> {
+        self.obeys()?;
+        if self.power == Power::Off { Err(Ignored::NoPower) } else { Ok(()) }
+    }
+
+    fn of(&mut self, joint: Number) -> &mut Joint {
+        &mut self.joints[joint.index()]
+    }
+
+    fn each(&mut self, joints: Joints, mut act: impl FnMut(&mut Joint)) {
+        for number in Number::ALL.into_iter().filter(|&number| joints.include(number)) {
+            act(self.of(number));
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! One joint: where it is, where it goes, and when it takes its next step.
+//!
+//! A *tick* is the wire's unit of position; a *step* is one tick. A joint on its way takes one step
+//! every so many milliseconds (SPEED) and never two at once, however late it is called: it does not
+//! jump. There is no feedback: its position is where its servo was last sent.
+
+use embassy_time::{Duration, Instant};
+use protocol::arcos::JointInfo;
+
+use crate::units::ServoPulse;
+
+/// The pulse of the centre position: 1.5 ms.
+const CENTRE: i32 = ServoPulse::PER_MS as i32 * 3 / 2;
+/// What 90 degrees add to it: 1 ms.
+const QUARTER_TURN: i32 = ServoPulse::PER_MS as i32;
+
+/// The speeds that exist, in milliseconds a step.
+const SPEEDS: (u8, u8) = (1, 127);
+
+/// A joint. See the [module](self).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Joint {
+    calibration: JointInfo,
+    /// SPEED.
+    ms_per_tick: u8,
+    position: u8,
+    goal: u8,
+    /// On this way it is no faster than its calibrated speed, whatever SPEED says.
+    unhurried: bool,
+    /// When the next step is due, if it is on its way.
+    step_at: Instant,
+}
+
+impl Joint {
+    /// A joint at home.
+    pub fn new(calibration: JointInfo) -> Self {
+        let mut joint = Self {
+            calibration,
+            ms_per_tick: 0,
+            position: 0,
+            goal: 0,
+            unhurried: false,
+            step_at: Instant::MIN,
+        };
+        joint.set_speed(calibration.ms_per_tick);
+        joint.goal = joint.home_position();
+        joint.position = joint.goal;
+        joint
+    }
+
+    /// What it is like, with its speed as it is.
+    pub fn info(&self) -> JointInfo {
+        JointInfo { ms_per_tick: self.ms_per_tick, ..self.calibration }
+    }
+
+    /// In ticks.
+    pub fn position(&self) -> u8 {
+        self.position
+    }
+
+    /// Whether it is on its way.
+    pub fn is_moving(&self) -> bool {
+        self.position != self.goal
+    }
+
+    /// Whether it is on its way home.
+    pub fn is_homing(&self) -> bool {
+        self.is_moving() && self.goal == self.home_position()
+    }
+
+    /// Whether it is on the side of home on which a gripper is closed: that of its minimum, as the
+    /// host has it that drives the gripper.
+    pub fn is_closed(&self) -> bool {
+        self.position < self.home_position()
+    }
+
+    /// Takes a speed, limited to 1 to 127 ms a step; the step under way keeps its time.
+    pub fn set_speed(&mut self, ms_per_tick: u8) -> Limited {
+        self.ms_per_tick = ms_per_tick.max(SPEEDS.0).min(SPEEDS.1);
+        Limited(self.ms_per_tick != ms_per_tick)
+    }
+
+    /// Sets out for a position, limited to what it can reach.
+    pub fn go(&mut self, ticks: u8, now: Instant) -> Limited {
+        let goal = self.reachable(ticks);
+        self.unhurried = false;
+        self.set_out(goal, now);
+        Limited(goal != ticks)
+    }
+
+    /// Sets out for home; `unhurried` if nobody may be watching.
+    pub fn home(&mut self, unhurried: bool, now: Instant) {
+        self.unhurried = unhurried;
+        self.set_out(self.home_position(), now);
+    }
+
+    /// Stops where it is.
+    pub fn stop(&mut self) {
+        self.goal = self.position;
+    }
+
+    /// When its next step is due, if it is on its way.
+    pub fn steps_at(&self) -> Option<Instant> {
+        self.is_moving().then_some(self.step_at)
+    }
+
+    /// Takes the step that is due, if one is. One that is late does not delay those behind it,
+    /// unless their time has passed too: nothing is caught up in haste.
+    pub fn step(&mut self, now: Instant) {
+        if self.steps_at().is_none_or(|at| now < at) {
+            return;
+        }
+        let up = self.position < self.goal;
+        self.position =
+            if up { self.position.saturating_add(1) } else { self.position.saturating_sub(1) };
+        self.step_at = self.step_at.saturating_add(self.step_time());
+        if self.step_at <= now {
+            self.step_at = now.saturating_add(self.step_time());
+        }
+    }
+
+    /// The pulse that holds it where it is, in 1/2250 ms.
+    pub fn pulse(&self) -> i16 {
+        let ticks = i32::from(self.position) - i32::from(self.calibration.centre);
+        let way = ticks * QUARTER_TURN / i32::from(self.calibration.ticks_per_90.max(1));
+        ServoPulse::from_raw(CENTRE + way).raw() as i16 // 7000 at the most
+    }
+
+    /// A joint that is on its way keeps the time of its next step, so that no flood of commands
+    /// makes it faster or holds it up.
+    fn set_out(&mut self, goal: u8, now: Instant) {
+        if !self.is_moving() {
+            self.step_at = now.saturating_add(self.step_time());
+        }
+        self.goal = goal;
+    }
+
+    fn step_time(&self) -> Duration {
+        let slowest = if self.unhurried { self.calibration.ms_per_tick } else { 0 };
+        Duration::from_millis(self.ms_per_tick.max(slowest).into())
+    }
+
+    fn home_position(&self) -> u8 {
+        self.reachable(self.calibration.home)
+    }
+
+    /// The nearest position that it can reach; the calibration's bounds may be in any order.
+    fn reachable(&self, ticks: u8) -> u8 {
+        ticks.max(self.calibration.min).min(self.calibration.max)
+    }
+}
+
+/// Whether a value had to be limited.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Limited(pub bool);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::ArmSettings;
+
+    fn joint() -> Joint {
+        Joint::new(ArmSettings::DEFAULT.joints[0])
+    }
+
+    fn at(ms: u64) -> Instant {
+        Instant::from_millis(ms)
+    }
+
+    /// Calls a joint every `period` ms until `end`; its positions.
+    fn run(joint: &mut Joint, period: usize, end: u64) -> Vec<u8> {
+        (0..=end).step_by(period).map(|ms| (joint.step(at(ms)), joint.position()).1).collect()
+    }
+
+    #[test]
+    fn fifty_ticks_at_20_ms_take_a_second() {
+        let mut joint = joint();
+        joint.go(177, at(0));
+        assert_eq!(run(&mut joint, 1, 999).last(), Some(&176));
+        joint.step(at(1000));
+        assert_eq!((joint.position(), joint.is_moving()), (177, false));
+    }
+
+    #[test]
+    fn called_too_rarely_it_is_slow_and_still_takes_one_tick_at_a_time() {
+        let mut joint = joint();
+        joint.go(227, at(0));
+        let positions = run(&mut joint, 50, 1000);
+        assert!(positions.windows(2).all(|pair| pair[1] - pair[0] <= 1), "{positions:?}");
+        assert_eq!(positions.last(), Some(&147), "a step a call");
+    }
+
+    #[test]
+    fn no_flood_of_commands_makes_it_faster_or_holds_it_up() {
+        let mut joint = joint();
+        for ms in 0..=1000 {
+            joint.go(200, at(ms));
+            joint.step(at(ms));
+        }
+        assert_eq!(joint.position(), 177);
+        let mut joint = super::tests::joint();
+        for ms in 0..1000 {
+            joint.stop();
+            joint.go(200, at(ms));
+            joint.step(at(ms));
+        }
+        assert_eq!(joint.position(), 127, "stopped for ever");
+    }
+
+    #[test]
+    fn speeds_and_positions_are_limited() {
+        let mut joint = Joint::new(JointInfo { min: 100, max: 150, ..joint().info() });
+        assert_eq!((joint.go(99, at(0)), joint.goal), (Limited(true), 100));
+        assert_eq!((joint.go(151, at(0)), joint.goal), (Limited(true), 150));
+        assert_eq!((joint.go(150, at(0)), joint.goal), (Limited(false), 150));
+        for (asked, taken) in [(0, 1), (1, 1), (127, 127), (128, 127), (255, 127)] {
+            assert_eq!(joint.set_speed(asked), Limited(asked != taken));
+            assert_eq!(joint.info().ms_per_tick, taken);
+        }
+    }
+
+    #[test]
+    fn an_unhurried_way_home_is_no_faster_than_the_calibrated_speed() {
+        for (speed, unhurried, steps) in [(1, true, 5), (1, false, 100), (50, true, 2)] {
+            let mut joint = joint();
+            joint.position = 27;
+            joint.goal = 27;
+            joint.set_speed(speed);
+            joint.home(unhurried, at(0));
+            assert!(joint.is_homing());
+            assert_eq!(*run(&mut joint, 1, 100).last().unwrap() - 27, steps);
+        }
+    }
+
+    #[test]
+    fn ticks_become_pulses_by_the_calibration_and_never_leave_what_a_servo_bears() {
+        let mut joint = joint();
+        let calibration = JointInfo { ticks_per_90: 100, centre: 120, ..joint.calibration };
+        joint.calibration = calibration;
+        for (ticks, pulse) in [(120, 3375), (220, 5625), (20, 1125), (121, 3397), (119, 3353)] {
+            joint.position = ticks;
+            assert_eq!(joint.pulse(), pulse, "{ticks} ticks");
+        }
+        joint.calibration.ticks_per_90 = 0;
+        joint.position = 255;
+        assert_eq!(joint.pulse(), 7000);
+        joint.position = 0;
+        assert_eq!(joint.pulse(), 500);
+    }
+}

@@ -1,0 +1,361 @@
+//! The Pioneer Arm's session with its host.
+//!
+//! ```text
+//!  bytes -> TimedReceiver -> session (SYNC, OPEN, PULSE, CLOSE) -> Arm -> Joints -> Command
+//!  bytes <-                  SYNC answers, SIPs                 <- Arm
+//! ```
+//!
+//! Answers are pulled whenever the line is free and made from what is true then, so nothing is
+//! queued: what is owed is a few flags.
+//!
+//! Rules (facts, "Session"):
+//! - SYNC0, SYNC1 and SYNC2 are answered in this order only; each may be repeated, and SYNC0
+//!   begins anew. A packet that is out of turn is counted and has no answer;
+//! - between OPEN and CLOSE a standard information packet comes every 100 ms, the first at once;
+//! - STATUS 1 and 2 are answered at once by an ARMpac; 2 then brings one before every standard
+//!   packet. The latest STATUS counts: 1 ends a stream too;
+//! - after 2 s without an intact packet the session ends by itself. However it ends, the arm goes
+//!   home slowly and its power goes off;
+//! - commands of the robot's base (motors, sonar, configuration) are counted and have no effect:
+//!   there is no base.
+
+mod arm;
+mod joint;
+
+use embassy_time::{Duration, Instant};
+use protocol::arcos::{
+    Arcos, Argument, ArmCommand, ArmStatus, MAX_RECEIVED, Names, Packet, Refusal, SYNC, Standard,
+    StatusRequest, command,
+};
+
+use super::{MAX_FRAME, Request, Session, TimedReceiver};
+use crate::controller::Snapshot;
+use crate::fmt::warning;
+use crate::settings::ArmSettings;
+use arm::Arm;
+use joint::Limited;
+
+/// How often a standard information packet comes.
+pub const CYCLE: Duration = Duration::from_millis(100);
+/// The silence that ends a session.
+pub const WATCHDOG: Duration = Duration::from_millis(2000);
+/// The input that tells that the arm is connected: low. Inputs are pulled up, so that a cut cable
+/// reads as no arm.
+const ARM_LINE: u8 = 1 << 0;
+
+/// What satisfies hosts: they choose their parameters by class and subclass.
+const NAMES: Names<'static> = Names { name: "Open arm", class: "Pioneer", subclass: "p3dx" };
+
+/// What a session has counted, and the arm as it last was. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ArmCounters {
+    /// Intact packets.
+    pub packets_ok: u32,
+    /// Packets that began well and were damaged.
+    pub bad_packets: u32,
+    /// Bytes that were part of no intact packet.
+    pub bytes_skipped: u32,
+    /// Sessions opened.
+    pub opened: u32,
+    /// Sessions that ended because the host fell silent.
+    pub watchdogs: u32,
+    /// Packets that the session was not at: SYNCs out of order, commands before OPEN.
+    pub out_of_turn: u32,
+    /// Commands that are not the arm's.
+    pub not_for_the_arm: u32,
+    /// Arm commands that were refused for what they say.
+    pub refused: u32,
+    /// Arm commands that were ignored for the state that the arm was in.
+    pub ignored: u32,
+    /// Positions and speeds that had to be limited.
+    pub limited: u32,
+    /// Times that the arm was lost while it had power.
+    pub arms_lost: u32,
+    /// Standard information packets sent.
+    pub standard_sent: u32,
+    /// Standard information packets skipped because the line was busy for a whole cycle.
+    pub standard_skipped: u32,
+    /// Errors that the line itself reported: overruns, framing.
+    pub line_errors: u32,
+    /// The arm.
+    pub arm: ArmStatus,
+}
+
+/// Where the session stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// No host.
+    Closed,
+    /// The last SYNC was this one; after SYNC2 OPEN may come.
+    Synchronised(u8),
+    Open,
+}
+
+/// A Pioneer Arm as its host sees it. See the [module](self).
+pub struct PioneerArm {
+    receiver: TimedReceiver<Arcos, MAX_RECEIVED>,
+    /// Apart from the receiver, because a packet borrows that while it is answered.
+    answers: Answers,
+}
+
+/// What a session owes its host.
+struct Answers {
+    settings: ArmSettings,
+    arm: Arm,
+    phase: Phase,
+    /// When the last intact packet came.
+    heard: Instant,
+    /// SYNCs that wait for their answers: bit n is SYNCn.
+    syncs: u8,
+    info: bool,
+    /// When an ARMpac is due.
+    status_at: Option<Instant>,
+    stream: bool,
+    /// When the next standard packet is due.
+    cycle_at: Instant,
+    counters: ArmCounters,
+}
+
+impl PioneerArm {
+    /// A session at boot.
+    pub fn new(settings: ArmSettings, now: Instant) -> Self {
+        Self {
+            receiver: TimedReceiver::new(),
+            answers: Answers {
+                settings,
+                arm: Arm::new(settings, now),
+                phase: Phase::Closed,
+                heard: now,
+                syncs: 0,
+                info: false,
+                status_at: None,
+                stream: false,
+                cycle_at: now,
+                counters: ArmCounters::default(),
+            },
+        }
+    }
+}
+
+impl Session for PioneerArm {
+    type Counters = ArmCounters;
+
+    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
+        while let Some(packet) = self.receiver.receive(bytes, now) {
+            if let Some(packet) = Packet::parse(packet) {
+                self.answers.respond(&packet, now);
+            }
+        }
+        // What the arm asks of the board is `advance`'s to tell.
+        None
+    }
+
+    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
+        self.answers.watch(now);
+        let present = snapshot.sensors.gpio_in & ARM_LINE == 0;
+        self.answers.arm.advance(now, present).map(Request::Control)
+    }
+
+    fn wakes_at(&self) -> Option<Instant> {
+        let arm = Some(self.answers.arm.wakes_at());
+        [arm, self.answers.ends_at(), self.receiver.gives_up_at()].into_iter().flatten().min()
+    }
+
+    fn transmit<'b>(
+        &mut self,
+        now: Instant,
+        snapshot: &Snapshot,
+        out: &'b mut [u8; MAX_FRAME],
+    ) -> Option<&'b [u8]> {
+        let Answers { settings, arm, .. } = &self.answers;
+        let dialect = settings.dialect;
+        let (status, info) = (arm.status(), arm.info());
+        let packet = match self.answers.next(now)? {
+            Answer::Sync2 => NAMES.encode(out),
+            Answer::Echo(packet) => packet.encode(out),
+            Answer::Info => info.encode(out),
+            Answer::Status => status.encode(dialect, out),
+            Answer::Standard => standard(snapshot).encode(out),
+        };
+        packet.ok().map(|packet| &*packet)
+    }
+
+    fn sends_at(&self) -> Instant {
+        self.answers.due_at()
+    }
+
+    fn line_failed(&mut self) {
+        count(&mut self.answers.counters.line_errors);
+    }
+
+    fn counters(&self) -> ArmCounters {
+        let reception = self.receiver.reception();
+        ArmCounters {
+            packets_ok: reception.frames_ok,
+            bad_packets: reception.bad_frames,
+            bytes_skipped: reception.bytes_skipped,
+            arms_lost: self.answers.arm.lost(),
+            arm: self.answers.arm.status(),
+            ..self.answers.counters
+        }
+    }
+
+    fn signs_of_life(&self) -> u32 {
+        self.receiver.reception().frames_ok
+    }
+}
+
+/// What a session says.
+enum Answer {
+    Echo(Packet<'static>),
+    Sync2,
+    Info,
+    Status,
+    Standard,
+}
+
+impl Answers {
+    fn due_at(&self) -> Instant {
+        match self.phase {
+            _ if self.syncs != 0 => Instant::MIN,
+            Phase::Open if self.info => Instant::MIN,
+            Phase::Open => self.cycle_at.min(self.status_at.unwrap_or(Instant::MAX)),
+            Phase::Closed | Phase::Synchronised(_) => Instant::MAX,
+        }
+    }
+
+    /// What is to be said first, if anything; it counts as said.
+    fn next(&mut self, now: Instant) -> Option<Answer> {
+        if self.syncs != 0 {
+            let first = self.syncs.trailing_zeros();
+            self.syncs &= self.syncs - 1;
+            return Some(match SYNC.get(first as usize) {
+                Some(echo) if first < 2 => Answer::Echo(*echo),
+                _ => Answer::Sync2,
+            });
+        }
+        if self.phase != Phase::Open {
+            return None;
+        }
+        if core::mem::take(&mut self.info) {
+            return Some(Answer::Info);
+        }
+        if self.status_at.take_if(|at| *at <= now).is_some() {
+            return Some(Answer::Status);
+        }
+        if now < self.cycle_at {
+            return None;
+        }
+        let missed = (now - self.cycle_at).as_ticks() / CYCLE.as_ticks();
+        self.cycle_at += Duration::from_ticks((missed + 1) * CYCLE.as_ticks());
+        if self.stream {
+            // Before the standard packet of its cycle.
+            self.status_at = Some(self.cycle_at);
+        }
+        count(&mut self.counters.standard_sent);
+        let skipped = &mut self.counters.standard_skipped;
+        *skipped = skipped.wrapping_add(missed as u32); // wraps, as documented
+        Some(Answer::Standard)
+    }
+
+    /// When the host will have been silent for too long.
+    fn ends_at(&self) -> Option<Instant> {
+        (self.phase != Phase::Closed).then(|| self.heard.saturating_add(WATCHDOG))
+    }
+
+    /// Ends the session of a host that is silent for too long.
+    fn watch(&mut self, now: Instant) {
+        if self.ends_at().is_some_and(|at| at <= now) {
+            if self.phase == Phase::Open {
+                count(&mut self.counters.watchdogs);
+                warning!("the host is silent: {} ms", WATCHDOG.as_millis());
+            }
+            self.end(now);
+        }
+    }
+
+    fn end(&mut self, now: Instant) {
+        self.phase = Phase::Closed;
+        self.syncs = 0;
+        self.info = false;
+        self.status_at = None;
+        self.stream = false;
+        self.arm.end_session(now);
+    }
+
+    /// Does what an intact packet asks for.
+    fn respond(&mut self, packet: &Packet<'_>, now: Instant) {
+        self.heard = now;
+        match (self.phase, packet.id, packet.data) {
+            (Phase::Open, command::PULSE | command::OPEN, _) => {}
+            (Phase::Open, command::CLOSE, _) => self.end(now),
+            (Phase::Open, ..) => self.obey(packet, now),
+            (Phase::Synchronised(2), command::OPEN, data) if opens(data) => {
+                count(&mut self.counters.opened);
+                self.phase = Phase::Open;
+                self.cycle_at = now;
+            }
+            // A host that begins anew wants no answers of before.
+            (_, 0, []) => self.synchronise(0, 0),
+            (Phase::Synchronised(0), number @ 1, [])
+            | (Phase::Synchronised(1), number @ (1 | 2), [])
+            | (Phase::Synchronised(2), number @ 2, []) => self.synchronise(number, self.syncs),
+            _ => count(&mut self.counters.out_of_turn),
+        }
+    }
+
+    /// SYNC `number` has come, and these still wait for their answers.
+    fn synchronise(&mut self, number: u8, waiting: u8) {
+        self.syncs = waiting | (1 << number);
+        self.phase = Phase::Synchronised(number);
+    }
+
+    /// Does what a packet of an open session asks for.
+    fn obey(&mut self, packet: &Packet<'_>, now: Instant) {
+        let command = match ArmCommand::parse(packet.id, packet.data) {
+            Ok(command) => command,
+            Err(Refusal::NotForTheArm(_)) => {
+                return count(&mut self.counters.not_for_the_arm);
+            }
+            Err(refusal) => {
+                warning!("packet not carried out: {}", refusal);
+                return count(&mut self.counters.refused);
+            }
+        };
+        match command {
+            ArmCommand::Info => self.info = true,
+            ArmCommand::Status(request) => {
+                self.stream = request == StatusRequest::Stream;
+                self.status_at = (request != StatusRequest::Stop).then_some(now);
+            }
+            _ => {}
+        }
+        match self.arm.carry_out(command, now) {
+            Ok(Limited(false)) => {}
+            Ok(Limited(true)) => count(&mut self.counters.limited),
+            Err(reason) => {
+                warning!("command ignored: {}", reason);
+                count(&mut self.counters.ignored);
+            }
+        }
+    }
+}
+
+/// Whether this is the argument of an OPEN.
+fn opens(data: &[u8]) -> bool {
+    matches!(Argument::parse(data), Ok(None | Some(Argument::Positive(1))))
+}
+
+/// What the robot tells of itself: it stands still, and its battery is the motors'.
+fn standard(snapshot: &Snapshot) -> Standard {
+    let [_, motors, _] = snapshot.sensors.battery;
+    // 4095 counts are 24 V.
+    let battery_dv = (u32::from(motors.min(4095)) * 240 + 2047) / 4095;
+    Standard { battery_dv: battery_dv as u8, ..Standard::default() } // 240 at the most
+}
+
+/// Counters wrap.
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}
