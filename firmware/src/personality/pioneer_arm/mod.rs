@@ -174,8 +174,8 @@ impl Session for PioneerArm {
         let packet = match self.answers.next(now)? {
             Answer::Sync2 => NAMES.encode(out),
             Answer::Echo(packet) => packet.encode(out),
-            Answer::Info => info.encode(out),
             Answer::Status => status.encode(dialect, out),
+            Answer::Info => info.encode(out),
             Answer::Standard => standard(snapshot).encode(out),
         };
         packet.ok().map(|packet| &*packet)
@@ -210,8 +210,8 @@ impl Session for PioneerArm {
 enum Answer {
     Echo(Packet<'static>),
     Sync2,
-    Info,
     Status,
+    Info,
     Standard,
 }
 
@@ -238,11 +238,12 @@ impl Answers {
         if self.phase != Phase::Open {
             return None;
         }
-        if core::mem::take(&mut self.info) {
-            return Some(Answer::Info);
-        }
+        // The shorter one first: a host waits less for it.
         if self.status_at.take_if(|at| *at <= now).is_some() {
             return Some(Answer::Status);
+        }
+        if core::mem::take(&mut self.info) {
+            return Some(Answer::Info);
         }
         if now < self.cycle_at {
             return None;

@@ -9,6 +9,7 @@ mod inspect;
 mod links;
 mod machine;
 mod options;
+mod pioneer_arm;
 mod pms5005;
 mod printer;
 mod pty;
@@ -69,6 +70,7 @@ fn run(options: &Options) -> Result<(), String> {
     let mut inspector = options.inspect.as_deref().map(Inspector::open).transpose()?;
     let mut machine = match options.personality {
         Personality::Pms5005 => pms5005::machine(options)?,
+        Personality::PioneerArm => pioneer_arm::machine(options),
         Personality::Ax12Bus => ax12_bus::machine(options)?,
     };
     let mut links =

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, ValueEnum};
+use protocol::arcos::{Dialect, MotionBits};
 
 /// A simulated motion and sensing controller that host programs of the original can talk to.
 #[derive(Parser)]
@@ -16,7 +17,7 @@ pub struct Options {
     /// Also make LINK a symbolic link to the pseudo-terminal, as long as the board runs.
     #[arg(long, value_name = "LINK")]
     pub pty: Option<PathBuf>,
-    /// Where to listen for TCP clients [default: 127.0.0.1:5005].
+    /// Where to listen for TCP clients [default: 127.0.0.1:5005, pioneer-arm: 127.0.0.1:8101].
     #[arg(long, value_name = "ADDR")]
     tcp: Option<String>,
     /// Where to listen for UDP peers, one frame a datagram [default: 127.0.0.1:10001].
@@ -35,6 +36,10 @@ pub struct Options {
     /// for a servo bus].
     #[arg(long, value_name = "BAUD")]
     line_rate: Option<u32>,
+    /// How the Pioneer Arm tells its state: as its manual says, the same with joint 1's motion in
+    /// bit 0, or as ARIA reads it [default: manual].
+    #[arg(long, value_enum)]
+    dialect: Option<DialectName>,
     /// Stop after N seconds.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seconds: Option<f64>,
@@ -50,14 +55,24 @@ pub struct Options {
 pub enum Personality {
     /// The WiRobot PMS5005.
     Pms5005,
+    /// The Pioneer Arm behind ARCOS packets.
+    PioneerArm,
     /// A bus of AX-12 servos behind a USB adapter.
     Ax12Bus,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum DialectName {
+    Manual,
+    ManualB0,
+    Aria,
+}
+
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 3] = [
+const PARTICULAR: [(&str, &[Personality]); 4] = [
     ("udp", &[Personality::Pms5005]),
     ("scene", &[Personality::Pms5005]),
+    ("dialect", &[Personality::PioneerArm]),
     ("servos", &[Personality::Ax12Bus]),
 ];
 
@@ -74,6 +89,7 @@ impl Personality {
             Self::Pms5005 => {
                 Defaults { tcp: "127.0.0.1:5005", udp: Some("127.0.0.1:10001"), line_rate: 115_200 }
             }
+            Self::PioneerArm => Defaults { tcp: "127.0.0.1:8101", udp: None, line_rate: 115_200 },
             Self::Ax12Bus => Defaults { tcp: "127.0.0.1:5012", udp: None, line_rate: 1_000_000 },
         }
     }
@@ -133,6 +149,15 @@ impl Options {
     /// The line's speed in baud; 0 takes no time.
     pub fn line_rate(&self) -> u32 {
         self.line_rate.unwrap_or(self.personality.defaults().line_rate)
+    }
+
+    /// How the Pioneer Arm tells its state.
+    pub fn dialect(&self) -> Dialect {
+        match self.dialect.unwrap_or(DialectName::Manual) {
+            DialectName::Manual => Dialect::Manual(MotionBits::OneToSix),
+            DialectName::ManualB0 => Dialect::Manual(MotionBits::ZeroToFive),
+            DialectName::Aria => Dialect::Aria,
+        }
     }
 
     /// When to stop.

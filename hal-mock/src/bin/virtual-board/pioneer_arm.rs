@@ -1,0 +1,158 @@
+//! The Pioneer Arm as a [`Machine`]: what it shows, tells and lets itself be told.
+
+use std::fmt::Write;
+
+use embassy_time::Instant;
+use firmware::personality::pioneer_arm::PioneerArm;
+use hal_mock::board::{Make, VirtualBoard};
+use hal_mock::wire::Line;
+use protocol::arcos::{JOINTS, Receiver};
+use serde_json::{Map, Value, json};
+
+use crate::machine::{Follower, Machine};
+use crate::options::Options;
+
+/// The board that the options ask for.
+pub fn machine(options: &Options) -> Box<dyn Machine> {
+    let mut make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
+    make.settings.arm.dialect = options.dialect();
+    Box::new(VirtualBoard::with_session(make, |now| PioneerArm::new(make.settings.arm, now)))
+}
+
+/// The input that tells that the arm is connected, when its cable is cut, and when it is not.
+const CUT: u8 = 1;
+const CONNECTED: u8 = 0;
+
+impl Machine for VirtualBoard<PioneerArm> {
+    fn name(&self) -> &'static str {
+        "Pioneer Arm"
+    }
+
+    fn line(&self) -> &Line {
+        &self.line
+    }
+
+    fn follower(&self) -> Box<dyn Follower> {
+        Box::new(Receiver::new())
+    }
+
+    fn run_until(&mut self, time: Instant) {
+        VirtualBoard::run_until(self, time);
+    }
+
+    fn status(&self) -> String {
+        let link = self.link();
+        let ticks = link.arm.positions.map(|ticks| ticks.to_string()).join(",");
+        let mut text = format!(
+            "ticks={ticks} power={} packets={} bad={} refused={} ignored={}",
+            if link.arm.powered { "on" } else { "off" },
+            link.packets_ok,
+            link.bad_packets,
+            link.refused,
+            link.ignored,
+        );
+        for fault in faults(self) {
+            let _ = write!(text, " {}", fault.to_uppercase());
+        }
+        text
+    }
+
+    fn panel(&self) -> String {
+        let plant = self.plant.borrow();
+        let link = self.link();
+        let mut text = String::new();
+        for i in 0..JOINTS {
+            let pulse = match plant.outputs.servos[i] {
+                Some(pulse) => format!("{:6.0} us", f64::from(pulse.raw()) / 2.25),
+                None => "      off".into(),
+            };
+            let _ = writeln!(
+                text,
+                "joint {} {:3} ticks {} {pulse} at {:4.0}",
+                i + 1,
+                link.arm.positions[i],
+                if link.arm.moving[i] { "moving" } else { "      " },
+                plant.servos[i].position() / 2.25,
+            );
+        }
+        let _ = write!(
+            text,
+            "packets {} bad {} refused {} ignored {} limited {}  {}",
+            link.packets_ok,
+            link.bad_packets,
+            link.refused,
+            link.ignored,
+            link.limited,
+            faults(self).join(" "),
+        );
+        text
+    }
+
+    fn state(&self) -> Value {
+        let plant = self.plant.borrow();
+        let link = self.link();
+        let joint = |i: usize| {
+            let pulse = plant.outputs.servos[i];
+            json!({
+                "ticks": link.arm.positions[i],
+                "moving": link.arm.moving[i],
+                "powered": pulse.is_some(),
+                "pulse_us": pulse.map_or(0.0, |pulse| f64::from(pulse.raw()) / 2.25),
+                // Where the simulated servo is, as the pulse that would hold it there.
+                "at_us": plant.servos[i].position() / 2.25,
+            })
+        };
+        json!({
+            "t_ms": Instant::now().as_millis(),
+            "joints": std::array::from_fn::<_, JOINTS, _>(joint),
+            "powered": link.arm.powered,
+            "connected": link.arm.connected,
+            "initialised": link.arm.initialised,
+            "homing": link.arm.homing,
+            "link": {
+                "packets_ok": link.packets_ok,
+                "bad_packets": link.bad_packets,
+                "bytes_skipped": link.bytes_skipped,
+                "opened": link.opened,
+                "watchdogs": link.watchdogs,
+                "out_of_turn": link.out_of_turn,
+                "not_for_the_arm": link.not_for_the_arm,
+                "refused": link.refused,
+                "ignored": link.ignored,
+                "limited": link.limited,
+                "arms_lost": link.arms_lost,
+                "standard_sent": link.standard_sent,
+                "standard_skipped": link.standard_skipped,
+                "line_errors": link.line_errors,
+            },
+            "faults": faults(self),
+        })
+    }
+
+    fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
+        let mut inputs = self.plant.borrow().overrides.gpio_in;
+        for (key, value) in changes {
+            inputs = match (key.as_str(), value) {
+                ("arm_link", Value::Bool(true)) => Some(CONNECTED),
+                ("arm_link", Value::Bool(false)) => Some(CUT),
+                ("arm_link", Value::Null) => None,
+                ("arm_link", _) => return Err(format!("{key}: expected true, false, or null")),
+                _ => return Err(format!("{key}: nothing of this name can be set")),
+            };
+        }
+        self.plant.borrow_mut().overrides.gpio_in = inputs;
+        Ok(())
+    }
+}
+
+/// What is wrong with the arm.
+fn faults(board: &VirtualBoard<PioneerArm>) -> Vec<&'static str> {
+    let arm = board.link().arm;
+    let mut faults = Vec::new();
+    if !arm.connected {
+        faults.push("no_arm");
+    } else if !arm.initialised {
+        faults.push("needs_init");
+    }
+    faults
+}
