@@ -7,6 +7,7 @@
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/refusals.rs`: what is not done;
 //! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
+//! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/qemu/`: the images in QEMU.
 

@@ -60,3 +60,23 @@ impl Servo {
         Some(ServoPulse::from_raw(*set_point))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jump_is_no_move_that_a_lost_link_could_break_off() {
+        let mut servo = Servo::new();
+        servo.go(3000, 0);
+        servo.step();
+        servo.go(3016, 0);
+        servo.link_lost();
+        assert_eq!(servo.step(), Some(ServoPulse::from_raw(3016)));
+        // A move is.
+        servo.go(4016, 100);
+        servo.step();
+        servo.link_lost();
+        assert_eq!(servo.step(), Some(ServoPulse::from_raw(3026)));
+    }
+}

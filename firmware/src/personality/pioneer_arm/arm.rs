@@ -181,8 +181,8 @@ impl Arm {
     /// When [`advance`](Self::advance) has something to do.
     pub fn wakes_at(&self) -> Instant {
         let steps = self.joints.iter().filter_map(Joint::steps_at);
-        let probes = [self.reset_until, self.check_until].into_iter().flatten();
-        let earliest = steps.chain(probes).fold(self.looks_at, Instant::min);
+        let ends = [self.reset_until, self.check_until, self.parks_at()].into_iter().flatten();
+        let earliest = steps.chain(ends).fold(self.looks_at, Instant::min);
         // A command may have asked for something to be done now.
         if self.pulses() == self.driven { earliest } else { Instant::MIN }
     }
@@ -196,7 +196,7 @@ impl Arm {
         for joint in &mut self.joints {
             joint.step(now);
         }
-        if self.power == Power::Parking && !self.joints.iter().any(Joint::is_moving) {
+        if self.parks_at().is_some_and(|at| at <= now) {
             self.power = Power::Off;
         }
         self.drive()
@@ -268,6 +268,14 @@ impl Arm {
             self.power = Power::Parking;
             self.each(Joints::All, |joint| joint.home(unhurried, now));
         }
+    }
+
+    /// When the power goes off: all joints are home, and their servos too.
+    fn parks_at(&self) -> Option<Instant> {
+        if self.power != Power::Parking {
+            return None;
+        }
+        self.joints.iter().try_fold(Instant::MIN, |last, joint| Some(last.max(joint.rests_at()?)))
     }
 
     /// Whether the arm takes orders.

@@ -3,16 +3,25 @@
 //! A *tick* is the wire's unit of position; a *step* is one tick. A joint on its way takes one step
 //! every so many milliseconds (SPEED) and never two at once, however late it is called: it does not
 //! jump. There is no feedback: its position is where its servo was last sent.
+//!
+//! All joints take their steps on one grid of control periods, so that the board gets at most one
+//! command a period, and no period brings a joint two ticks.
 
 use embassy_time::{Duration, Instant};
 use protocol::arcos::JointInfo;
 
-use crate::units::ServoPulse;
+use crate::units::{CONTROL_PERIOD_MS, ServoPulse};
 
 /// The pulse of the centre position: 1.5 ms.
 const CENTRE: i32 = ServoPulse::PER_MS as i32 * 3 / 2;
 /// What 90 degrees add to it: 1 ms.
 const QUARTER_TURN: i32 = ServoPulse::PER_MS as i32;
+
+/// The distance of the points at which steps are taken.
+const GRID: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
+
+/// A servo gets a pulse every 20 ms; after three of them it is where the last step was.
+const SETTLING: Duration = Duration::from_millis(60);
 
 /// The speeds that exist, in milliseconds a step.
 const SPEEDS: (u8, u8) = (1, 127);
@@ -27,8 +36,8 @@ pub(super) struct Joint {
     goal: u8,
     /// On this way it is no faster than its calibrated speed, whatever SPEED says.
     unhurried: bool,
-    /// When the next step is due, if it is on its way.
-    step_at: Instant,
+    /// When it took its last step, or set out: a point of the grid.
+    since: Instant,
 }
 
 impl Joint {
@@ -40,7 +49,7 @@ impl Joint {
             position: 0,
             goal: 0,
             unhurried: false,
-            step_at: Instant::MIN,
+            since: Instant::MIN,
         };
         joint.set_speed(calibration.ms_per_tick);
         joint.goal = joint.home_position();
@@ -74,7 +83,7 @@ impl Joint {
         self.position < self.home_position()
     }
 
-    /// Takes a speed, limited to 1 to 127 ms a step; the step under way keeps its time.
+    /// Takes a speed, limited to 1 to 127 ms a step; it holds for the step under way too.
     pub fn set_speed(&mut self, ms_per_tick: u8) -> Limited {
         self.ms_per_tick = ms_per_tick.max(SPEEDS.0).min(SPEEDS.1);
         Limited(self.ms_per_tick != ms_per_tick)
@@ -101,22 +110,23 @@ impl Joint {
 
     /// When its next step is due, if it is on its way.
     pub fn steps_at(&self) -> Option<Instant> {
-        self.is_moving().then_some(self.step_at)
+        self.is_moving().then(|| self.since.saturating_add(self.step_time()))
     }
 
     /// Takes the step that is due, if one is. One that is late does not delay those behind it,
     /// unless their time has passed too: nothing is caught up in haste.
     pub fn step(&mut self, now: Instant) {
-        if self.steps_at().is_none_or(|at| now < at) {
-            return;
-        }
+        let Some(due) = self.steps_at().filter(|&due| due <= now) else { return };
         let up = self.position < self.goal;
         self.position =
             if up { self.position.saturating_add(1) } else { self.position.saturating_sub(1) };
-        self.step_at = self.step_at.saturating_add(self.step_time());
-        if self.step_at <= now {
-            self.step_at = now.saturating_add(self.step_time());
-        }
+        let is_late = due.saturating_add(self.step_time()) <= now;
+        self.since = if is_late { last_grid_point(now) } else { due };
+    }
+
+    /// When its servo will be, or was, where it is; `None` while it is on its way.
+    pub fn rests_at(&self) -> Option<Instant> {
+        (!self.is_moving()).then(|| self.since.saturating_add(SETTLING))
     }
 
     /// The pulse that holds it where it is, in 1/2250 ms.
@@ -129,10 +139,12 @@ impl Joint {
     /// A joint that is on its way keeps the time of its next step, so that no flood of commands
     /// makes it faster or holds it up.
     fn set_out(&mut self, goal: u8, now: Instant) {
-        if !self.is_moving() {
-            self.step_at = now.saturating_add(self.step_time());
-        }
+        let was_moving = self.is_moving();
         self.goal = goal;
+        if self.is_moving() && !was_moving {
+            let just_before = GRID - Duration::from_ticks(1);
+            self.since = last_grid_point(now.saturating_add(just_before));
+        }
     }
 
     fn step_time(&self) -> Duration {
@@ -150,6 +162,14 @@ impl Joint {
     }
 }
 
+/// The last point of the grid, which may be now. Its points lie half way between full milliseconds, where control
+/// periods begin on the virtual board, so that none is near the border of two periods.
+fn last_grid_point(now: Instant) -> Instant {
+    let half = GRID.as_ticks() / 2;
+    let since_a_point = (now.as_ticks() + half) % GRID.as_ticks();
+    Instant::from_ticks(now.as_ticks().saturating_sub(since_a_point))
+}
+
 /// Whether a value had to be limited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Limited(pub bool);
@@ -163,8 +183,9 @@ mod tests {
         Joint::new(ArmSettings::DEFAULT.joints[0])
     }
 
+    /// A point of the grid.
     fn at(ms: u64) -> Instant {
-        Instant::from_millis(ms)
+        Instant::from_micros(1000 * ms + 500)
     }
 
     /// Calls a joint every `period` ms until `end`; its positions.
@@ -175,10 +196,12 @@ mod tests {
     #[test]
     fn fifty_ticks_at_20_ms_take_a_second() {
         let mut joint = joint();
-        joint.go(177, at(0));
+        // It sets out with the next point of the grid.
+        joint.go(177, Instant::from_millis(0));
         assert_eq!(run(&mut joint, 1, 999).last(), Some(&176));
         joint.step(at(1000));
         assert_eq!((joint.position(), joint.is_moving()), (177, false));
+        assert_eq!(joint.rests_at(), Some(at(1060)));
     }
 
     #[test]

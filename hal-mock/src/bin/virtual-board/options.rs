@@ -17,7 +17,8 @@ pub struct Options {
     /// Also make LINK a symbolic link to the pseudo-terminal, as long as the board runs.
     #[arg(long, value_name = "LINK")]
     pub pty: Option<PathBuf>,
-    /// Where to listen for TCP clients [default: 127.0.0.1:5005, pioneer-arm: 127.0.0.1:8101].
+    /// Where to listen for TCP clients [default: 127.0.0.1:5005, or port 8101 for
+    /// pioneer-arm, 5012 for ax12-bus].
     #[arg(long, value_name = "ADDR")]
     tcp: Option<String>,
     /// Where to listen for UDP peers, one frame a datagram [default: 127.0.0.1:10001].

@@ -1,0 +1,273 @@
+//! Joints, power, parking, and the two timers.
+
+use super::*;
+
+#[test]
+fn at_20_ms_a_step_a_joint_moves_50_ticks_in_a_second() {
+    let mut host = Host::powered();
+    host.speed(1, 20);
+    host.run_ms(5);
+    host.go(1, 227);
+    let began = Instant::now();
+    let mut arrived = None;
+    host.run_alive_with(1200, |host| {
+        if arrived.is_none() && host.pulses()[0] >= Some(pulse(177)) {
+            arrived = Some((Instant::now() - began).as_millis());
+        }
+    });
+    let arrived = arrived.expect("50 ticks");
+    assert!((980..=1020).contains(&arrived), "{arrived} ms");
+    // The simulated servo follows.
+    host.run_alive_ms(1000);
+    assert_eq!(host.ticks(1), 227);
+    assert!((host.servo(1) - f32::from(pulse(227))).abs() < 1.0);
+}
+
+#[test]
+fn every_joint_has_its_own_speed_and_all_move_together() {
+    let mut host = Host::powered();
+    for (joint, ms) in (1..=6).zip([5, 10, 20, 40, 80, 127]) {
+        host.speed(joint, ms);
+        host.go(joint, 255);
+    }
+    host.run_alive_ms(400);
+    // 400 ms and what the commands took on the line (10 ms).
+    for (joint, ms) in (1..=6).zip([5, 10, 20, 40, 80, 127]) {
+        let moved = i32::from(host.ticks(joint)) - 127;
+        assert!((moved - 400 / ms).abs() <= 2, "joint {joint}: {moved} ticks");
+        assert_eq!(host.pulses()[usize::from(joint) - 1], Some(pulse(host.ticks(joint))));
+    }
+}
+
+#[test]
+fn without_power_there_are_no_pulses_and_power_up_is_at_home() {
+    let mut host = Host::opened();
+    host.run_alive_ms(500);
+    assert_eq!(host.pulses(), NO_PULSES);
+    host.send(ArmCommand::Power(true));
+    host.run_ms(5);
+    assert_eq!((host.pulses(), host.arm().positions), (AT_HOME, [127; 6]));
+    // Off and on again where it stands: at home.
+    host.send(ArmCommand::Power(false));
+    host.run_ms(5);
+    assert_eq!((host.pulses(), host.arm().powered), (NO_PULSES, false));
+    host.send(ArmCommand::Power(true));
+    host.run_ms(5);
+    assert_eq!(host.pulses(), AT_HOME);
+}
+
+#[test]
+fn no_joint_ever_jumps() {
+    let mut host = Host::opened();
+    let mut watch = NoJump::new(&host);
+    let script: [&dyn Fn(&mut Host); 12] = [
+        &|host| host.send(ArmCommand::Power(true)),
+        &|host| (1..=6).for_each(|joint| host.speed(joint, 0)),
+        &|host| (1..=6).for_each(|joint| host.go(joint, 255)),
+        &|host| (1..=6).for_each(|joint| host.go(joint, 0)),
+        &|host| host.send(ArmCommand::Stop(ALL)),
+        &|host| host.send(ArmCommand::Home(ALL)),
+        &|host| (1..=6).for_each(|joint| host.go(joint, 20)),
+        &|host| host.send(ArmCommand::Park),
+        &|host| host.send(ArmCommand::Power(true)),
+        &|host| (1..=6).for_each(|joint| host.go(joint, 230)),
+        &|host| host.send(ArmCommand::Power(false)),
+        &|host| host.send(ArmCommand::Init),
+    ];
+    for pause in [1, 7, 60, 800] {
+        for act in script {
+            act(&mut host);
+            host.run_alive_with(pause, |host| watch.look(host));
+        }
+        host.run_alive_with(1000, |host| watch.look(host));
+    }
+    assert!(host.link().limited >= 24, "a speed of 0 is 1");
+}
+
+#[test]
+fn positions_are_limited_to_what_a_joint_reaches() {
+    let mut make = Make::default();
+    make.settings.arm.joints[1].min = 100;
+    make.settings.arm.joints[1].max = 140;
+    let mut host = Host::with(make);
+    host.open();
+    host.send(ArmCommand::Power(true));
+    host.speed(2, 1);
+    for (asked, reached, limited) in [(0, 100, 1), (255, 140, 2), (141, 140, 3), (140, 140, 3)] {
+        host.go(2, asked);
+        host.run_alive_ms(100);
+        assert_eq!((host.ticks(2), host.link().limited), (reached, limited), "POS {asked}");
+        assert_eq!(host.pulses()[1], Some(pulse(reached)));
+    }
+}
+
+#[test]
+fn home_is_for_one_joint_or_for_all() {
+    let mut host = Host::powered();
+    let away = |host: &mut Host| {
+        for joint in 1..=6 {
+            host.speed(joint, 1);
+            host.go(joint, 147);
+        }
+        host.run_alive_ms(100);
+        assert_eq!(host.arm().positions, [147; 6]);
+    };
+    away(&mut host);
+    host.send_int(75, 3);
+    host.run_alive_ms(100);
+    assert_eq!(host.arm().positions, [147, 147, 127, 147, 147, 147]);
+    for all in [7, 255] {
+        away(&mut host);
+        host.send_int(75, all);
+        host.run_alive_ms(100);
+        assert_eq!((host.arm().positions, host.arm().powered), ([127; 6], true), "HOME {all}");
+    }
+}
+
+#[test]
+fn stop_is_for_one_joint_or_for_all_and_they_stay_where_they_are() {
+    let mut host = Host::powered();
+    for joint in 1..=6 {
+        host.go(joint, 227);
+    }
+    host.run_alive_ms(500);
+    host.send_int(79, 2);
+    host.run_alive_ms(500);
+    let moving = host.arm().moving;
+    assert_eq!(moving, [true, false, true, true, true, true]);
+    assert!((150..=152).contains(&host.ticks(2)) && host.ticks(1) >= 175);
+    host.send_int(79, 255);
+    host.run_ms(5);
+    let stopped = host.arm().positions;
+    host.run_alive_ms(500);
+    assert_eq!((host.arm().positions, host.arm().moving), (stopped, [false; 6]));
+    assert_eq!(host.pulses(), stopped.map(|ticks| Some(pulse(ticks))), "they are held");
+}
+
+#[test]
+fn park_and_power_0_take_the_joints_home_before_power_goes_off() {
+    for command in [ArmCommand::Park, ArmCommand::Power(false)] {
+        let mut host = Host::powered();
+        host.speed(1, 5);
+        host.go(1, 227);
+        host.run_alive_ms(600);
+        host.send(command);
+        // At the joint's own speed: 100 ticks of 5 ms; then the servos settle.
+        host.run_alive_ms(490);
+        assert!(host.arm().powered && host.arm().homing, "{command:?}");
+        host.run_alive_ms(60);
+        assert!(host.arm().powered && !host.arm().homing, "{command:?}");
+        host.run_alive_ms(20);
+        assert_eq!((host.arm().powered, host.pulses()), (false, NO_PULSES), "{command:?}");
+        assert_eq!(host.arm().positions, [127; 6]);
+    }
+}
+
+#[test]
+fn until_power_is_off_the_latest_command_counts() {
+    let calls_off: [&dyn Fn(&mut Host); 3] = [
+        &|host| host.send(ArmCommand::Power(true)),
+        &|host| host.send(ArmCommand::Stop(ALL)),
+        &|host| host.go(2, 140),
+    ];
+    for (i, act) in calls_off.into_iter().enumerate() {
+        let mut host = Host::powered();
+        host.go(1, 157);
+        host.run_alive_ms(700);
+        host.send(ArmCommand::Park);
+        host.run_alive_ms(100);
+        act(&mut host);
+        host.run_alive_ms(2000);
+        assert!(host.arm().powered, "{i}");
+        // STOP holds joint 1 where it was then; the others let it go home.
+        let at = host.ticks(1);
+        assert!(if i == 1 { (150..=153).contains(&at) } else { at == 127 }, "{i}: {at}");
+    }
+}
+
+#[test]
+fn speeds_are_taken_without_power_and_survive_power_and_sessions() {
+    let mut host = Host::opened();
+    host.speed(1, 5);
+    host.run_ms(5);
+    host.send(ArmCommand::Power(true));
+    host.send(ArmCommand::Park);
+    host.run_ms(5);
+    host.send_bare(command::CLOSE);
+    host.run_ms(100);
+    host.received();
+    host.open();
+    host.send(ArmCommand::Power(true));
+    host.go(1, 227);
+    host.run_alive_ms(250);
+    assert!((176..=178).contains(&host.ticks(1)), "{}", host.ticks(1));
+    assert_eq!(host.link().ignored, 0);
+}
+
+#[test]
+fn an_idle_arm_parks_itself_after_ten_minutes_and_every_arm_command_starts_them_anew() {
+    let mut host = Host::powered();
+    host.go(1, 147);
+    host.run_alive_ms(300_000);
+    host.send(ArmCommand::Status(StatusRequest::Once));
+    host.run_alive_ms(599_900);
+    assert_eq!((host.ticks(1), host.arm().powered, host.arm().homing), (147, true, false));
+    host.run_alive_ms(200);
+    assert!(host.arm().homing);
+    host.run_alive_ms(500);
+    assert_eq!((host.ticks(1), host.arm().powered), (127, false));
+}
+
+#[test]
+fn autopark_is_in_seconds_and_0_is_never() {
+    let mut host = Host::powered();
+    host.send(ArmCommand::AutoPark(3));
+    host.run_alive_ms(2950);
+    assert!(host.arm().powered);
+    host.run_alive_ms(100);
+    assert!(!host.arm().powered, "at home already");
+
+    host.send(ArmCommand::Power(true));
+    host.send(ArmCommand::AutoPark(0));
+    host.run_alive_ms(3_600_000);
+    assert!(host.arm().powered);
+}
+
+#[test]
+fn a_gripper_that_is_closed_for_too_long_goes_home_alone() {
+    let mut host = Host::powered();
+    host.speed(6, 1);
+    host.send(ArmCommand::GripPark(3));
+    // Towards its maximum it is open, and may stay so.
+    host.go(6, 177);
+    host.go(1, 147);
+    host.run_alive_ms(5000);
+    assert_eq!((host.ticks(6), host.ticks(1)), (177, 147));
+    // Repeating the command that closes it does not help its servo.
+    host.go(6, 77);
+    for _ in 0..28 {
+        host.run_alive_ms(100);
+        host.go(6, 77);
+    }
+    host.run_alive_ms(200);
+    assert_eq!(host.ticks(6), 77);
+    host.run_alive_ms(200);
+    assert!(host.arm().homing && host.ticks(6) > 77);
+    // Slowly: 50 ticks of 20 ms.
+    host.run_alive_ms(700);
+    assert!(host.ticks(6) < 127);
+    host.run_alive_ms(400);
+    assert_eq!((host.ticks(6), host.ticks(1), host.arm().powered), (127, 147, true));
+
+    // 0 is never, and 300 s is what holds unless a host says otherwise.
+    host.send(ArmCommand::GripPark(0));
+    host.go(6, 77);
+    host.run_alive_ms(400_000);
+    assert_eq!(host.ticks(6), 77);
+    let mut host = Host::powered();
+    host.go(6, 117);
+    host.run_alive_ms(299_900);
+    assert_eq!(host.ticks(6), 117);
+    host.run_alive_ms(1000);
+    assert_eq!(host.ticks(6), 127);
+}
