@@ -432,7 +432,7 @@ fn refused(output: &Output, names: &str) {
 fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
     for (options, names) in [
         (&["--bogus"][..], "--bogus"),
-        (&["cm6"], "[possible values: pms5005, ax12-bus"),
+        (&["cm6"], "[possible values: pms5005, pioneer-arm"),
         (&["--line-rate", "fast"], "--line-rate"),
         (&["--seconds", "-1"], "--seconds -1"),
         (&["--line-rate", "1200"], "9600"),

@@ -1,0 +1,218 @@
+//! `virtual-board pioneer-arm` as a user runs it: a host over TCP and over the serial device, the
+//! inspector, the options of this personality. What happens when is tested on virtual time, in
+//! `tests/tests/pioneer_arm/`; here it is that things happen.
+#![cfg(unix)]
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use protocol::arcos::{
+    ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest,
+};
+use serde_json::{Value, json};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn program() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_virtual-board"));
+    command.arg("pioneer-arm");
+    command
+}
+
+/// A running arm and where it listens.
+struct Board {
+    child: Child,
+    device: String,
+    tcp: String,
+    inspect: String,
+}
+
+impl Board {
+    fn start(options: &[&str]) -> Self {
+        let mut child = program()
+            .args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0", "--headless"])
+            .args(options)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let mut line = || {
+            let mut line = String::new();
+            out.read_line(&mut line).unwrap();
+            line.trim().to_owned()
+        };
+        assert_eq!(line(), "Pioneer Arm at your service:");
+        let place = |line: String, word| line.split_whitespace().nth(word).unwrap().to_owned();
+        let (device, tcp, inspect) = (place(line(), 2), place(line(), 1), place(line(), 1));
+        Self { child, device, tcp, inspect }
+    }
+
+    fn ask(&self, question: Value) -> Value {
+        let mut stream = TcpStream::connect(&self.inspect).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.write_all(format!("{question}\n").as_bytes()).unwrap();
+        let mut answer = String::new();
+        BufReader::new(stream).read_line(&mut answer).unwrap();
+        serde_json::from_str(&answer).unwrap()
+    }
+}
+
+impl Drop for Board {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A host with an open session.
+struct Host<S> {
+    stream: S,
+    receiver: Receiver,
+}
+
+impl<S: Read + Write> Host<S> {
+    fn open(stream: S) -> Self {
+        let mut host = Self { stream, receiver: Receiver::new() };
+        for number in 0..3 {
+            host.send_bare(number);
+            let answer = host.receive(number);
+            if number == 2 {
+                let packet = Packet { id: 2, data: &answer };
+                assert_eq!(Names::parse(&packet).unwrap().class, "Pioneer");
+            }
+        }
+        host.send_bare(1);
+        host.receive(0x32);
+        host
+    }
+
+    fn send_bare(&mut self, id: u8) {
+        let packet = Packet { id, data: &[] }.encode(&mut [0; 6]).unwrap().to_vec();
+        self.stream.write_all(&packet).unwrap();
+    }
+
+    fn send(&mut self, command: ArmCommand) {
+        self.stream.write_all(command.encode(&mut [0; 9]).unwrap()).unwrap();
+    }
+
+    /// Reads until a packet with this id has come; its data. The host is alive meanwhile.
+    fn receive(&mut self, id: u8) -> Vec<u8> {
+        let start = Instant::now();
+        let mut buffer = [0; 256];
+        while start.elapsed() < PATIENCE {
+            let count = self.stream.read(&mut buffer).unwrap();
+            let mut bytes = &buffer[..count];
+            while let Some(packet) = self.receiver.receive(&mut bytes) {
+                let packet = Packet::parse(packet).unwrap();
+                if packet.id == id {
+                    return packet.data.to_vec();
+                }
+            }
+        }
+        panic!("no packet with id {id}");
+    }
+
+    /// Asks for ARMpac until it shows something.
+    fn until(&mut self, what: impl Fn(&[u8]) -> bool) -> Vec<u8> {
+        let start = Instant::now();
+        loop {
+            self.send(ArmCommand::Status(StatusRequest::Once));
+            let status = self.receive(ArmStatus::ID);
+            if what(&status) {
+                return status;
+            }
+            assert!(start.elapsed() < PATIENCE, "it never came: {status:?}");
+        }
+    }
+}
+
+fn over_tcp(board: &Board) -> Host<TcpStream> {
+    let stream = TcpStream::connect(&board.tcp).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    Host::open(stream)
+}
+
+fn position(joint: u8, ticks: u8) -> ArmCommand {
+    ArmCommand::Position { joint: Joint::new(joint).unwrap(), ticks }
+}
+
+#[test]
+fn a_host_moves_a_joint_and_the_inspector_sees_it() {
+    let board = Board::start(&[]);
+    let mut host = over_tcp(&board);
+    let state = board.ask(json!({"get": "state"}));
+    assert_eq!(state["joints"].as_array().unwrap().len(), 6);
+    assert_eq!(
+        state["joints"][1],
+        json!({
+            "ticks": 127, "moving": false, "powered": false, "pulse_us": 0.0, "at_us": 1500.0,
+        })
+    );
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 147));
+    let status = host.until(|status| status[3] == 147 && status[1] == 0);
+    assert_eq!(status, [0b11, 0, 127, 147, 127, 127, 127, 127]);
+    let state = board.ask(json!({"get": "state"}));
+    let joint = &state["joints"][1];
+    assert_eq!(
+        (&joint["ticks"], &joint["moving"], &joint["powered"]),
+        (&json!(147), &json!(false), &json!(true),)
+    );
+    assert_eq!((&state["faults"], &state["link"]["refused"]), (&json!([]), &json!(0)));
+}
+
+#[test]
+fn the_arms_cable_can_be_cut_and_mended() {
+    let board = Board::start(&[]);
+    let mut host = over_tcp(&board);
+    host.send(ArmCommand::Power(true));
+    host.until(|status| status[0] == 0b11);
+    assert_eq!(board.ask(json!({"set": {"arm_link": false}})), json!({"ok": true}));
+    host.until(|status| status[0] == 0);
+    host.send(ArmCommand::Info);
+    let info = host.receive(ArmInfo::ID);
+    assert_eq!(info, b"No arm\0\0");
+    assert_eq!(board.ask(json!({"get": "state"}))["faults"], json!(["no_arm"]));
+
+    assert_eq!(board.ask(json!({"set": {"arm_link": true}})), json!({"ok": true}));
+    host.send(ArmCommand::Init);
+    host.until(|status| status[0] == 0b10);
+    host.send(ArmCommand::Power(true));
+    host.until(|status| status[0] == 0b11);
+
+    for (change, named) in [(json!({"arm_link": 1}), "arm_link"), (json!({"jam": []}), "jam")] {
+        let answer = board.ask(json!({"set": change}));
+        assert!(answer["error"].as_str().unwrap().contains(named), "{answer}");
+    }
+}
+
+#[test]
+fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
+    for (dialect, status) in [("aria", [0, 0b0111]), ("manual-b0", [0b11, 0])] {
+        let board = Board::start(&["--dialect", dialect, "--line-rate", "9600"]);
+        let device = File::options().read(true).write(true).open(&board.device).unwrap();
+        let mut host = Host::open(device);
+        host.send(ArmCommand::Power(true));
+        host.until(|now| now[..2] == status);
+    }
+}
+
+#[test]
+fn options_that_are_not_the_arms_are_refused_in_one_line() {
+    for (options, names) in [
+        (&["--udp", "127.0.0.1:0"][..], "--udp: not for pioneer-arm"),
+        (&["--dialect", "klingon"], "manual-b0"),
+    ] {
+        let output = program().args(options).output().unwrap();
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!((output.status.code(), error.lines().count()), (Some(2), 1), "{error}");
+        assert!(error.contains(names), "{error}");
+    }
+    let mut pms5005 = Command::new(env!("CARGO_BIN_EXE_virtual-board"));
+    let output = pms5005.args(["--dialect", "aria"]).output().unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("--dialect: not for pms5005, only for pioneer-arm"), "{error}");
+}
