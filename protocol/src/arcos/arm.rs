@@ -3,6 +3,7 @@
 //! A command that [`ArmCommand::parse`] answers is well formed: its joint exists. Whether its
 //! position can be reached, and whether the arm may move at all, is the arm's business.
 
+use super::command;
 use super::packet::{Argument, BadArgument, EncodeError, encode_command};
 
 /// Joints of the arm, and servos: there are six.
@@ -111,34 +112,6 @@ impl core::fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-/// The commands' numbers.
-pub mod number {
-    /// Ask for ARMINFOpac.
-    pub const INFO: u8 = 70;
-    /// Ask for ARMpac.
-    pub const STATUS: u8 = 71;
-    /// Warm reset.
-    pub const INIT: u8 = 72;
-    /// Probe the arm.
-    pub const CHECK: u8 = 73;
-    /// Servo power.
-    pub const POWER: u8 = 74;
-    /// Joints to their home positions.
-    pub const HOME: u8 = 75;
-    /// All joints home, then power off.
-    pub const PARK: u8 = 76;
-    /// A joint to a position.
-    pub const POS: u8 = 77;
-    /// A joint's speed.
-    pub const SPEED: u8 = 78;
-    /// Joints stop where they are.
-    pub const STOP: u8 = 79;
-    /// Idle time until PARK.
-    pub const AUTOPARK: u8 = 80;
-    /// Time until a closed gripper goes home.
-    pub const GRIPPARK: u8 = 81;
-}
-
 /// A host's command to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -193,39 +166,39 @@ impl ArmCommand {
             }
         };
         Ok(match number {
-            number::INFO => Self::Info,
-            number::STATUS => Self::Status(match integer()? {
+            command::INFO => Self::Info,
+            command::STATUS => Self::Status(match integer()? {
                 0 => StatusRequest::Stop,
                 1 => StatusRequest::Once,
                 2 => StatusRequest::Stream,
                 value => return Err(Refusal::Value { number, value }),
             }),
-            number::INIT => Self::Init,
-            number::CHECK => Self::Check,
-            number::POWER => Self::Power(match integer()? {
+            command::INIT => Self::Init,
+            command::CHECK => Self::Check,
+            command::POWER => Self::Power(match integer()? {
                 0 => false,
                 1 => true,
                 value => return Err(Refusal::Value { number, value }),
             }),
-            number::HOME => match integer()? {
+            command::HOME => match integer()? {
                 7.. => Self::Home(Joints::All),
                 joint => Self::Home(Joints::One(existing(joint)?)),
             },
-            number::PARK => Self::Park,
-            number::POS => {
+            command::PARK => Self::Park,
+            command::POS => {
                 let [ticks, joint] = integer()?.to_le_bytes();
                 Self::Position { joint: existing(joint.into())?, ticks }
             }
-            number::SPEED => {
+            command::SPEED => {
                 let [ms_per_tick, joint] = integer()?.to_le_bytes();
                 Self::Speed { joint: existing(joint.into())?, ms_per_tick }
             }
-            number::STOP => match integer()? {
+            command::STOP => match integer()? {
                 Joints::ALL => Self::Stop(Joints::All),
                 joint => Self::Stop(Joints::One(existing(joint)?)),
             },
-            number::AUTOPARK => Self::AutoPark(integer()?),
-            number::GRIPPARK => Self::GripPark(integer()?),
+            command::AUTOPARK => Self::AutoPark(integer()?),
+            command::GRIPPARK => Self::GripPark(integer()?),
             _ => return Err(Refusal::NotForTheArm(number)),
         })
     }
@@ -233,29 +206,29 @@ impl ArmCommand {
     /// Its number on the wire, and its argument.
     fn on_the_wire(&self) -> (u8, Option<u16>) {
         match *self {
-            Self::Info => (number::INFO, None),
+            Self::Info => (command::INFO, None),
             Self::Status(request) => {
                 let request = match request {
                     StatusRequest::Stop => 0,
                     StatusRequest::Once => 1,
                     StatusRequest::Stream => 2,
                 };
-                (number::STATUS, Some(request))
+                (command::STATUS, Some(request))
             }
-            Self::Init => (number::INIT, None),
-            Self::Check => (number::CHECK, None),
-            Self::Power(on) => (number::POWER, Some(on.into())),
-            Self::Home(joints) => (number::HOME, Some(joints.number())),
-            Self::Park => (number::PARK, None),
+            Self::Init => (command::INIT, None),
+            Self::Check => (command::CHECK, None),
+            Self::Power(on) => (command::POWER, Some(on.into())),
+            Self::Home(joints) => (command::HOME, Some(joints.number())),
+            Self::Park => (command::PARK, None),
             Self::Position { joint, ticks } => {
-                (number::POS, Some(u16::from_le_bytes([ticks, joint.number()])))
+                (command::POS, Some(u16::from_le_bytes([ticks, joint.number()])))
             }
             Self::Speed { joint, ms_per_tick } => {
-                (number::SPEED, Some(u16::from_le_bytes([ms_per_tick, joint.number()])))
+                (command::SPEED, Some(u16::from_le_bytes([ms_per_tick, joint.number()])))
             }
-            Self::Stop(joints) => (number::STOP, Some(joints.number())),
-            Self::AutoPark(seconds) => (number::AUTOPARK, Some(seconds)),
-            Self::GripPark(seconds) => (number::GRIPPARK, Some(seconds)),
+            Self::Stop(joints) => (command::STOP, Some(joints.number())),
+            Self::AutoPark(seconds) => (command::AUTOPARK, Some(seconds)),
+            Self::GripPark(seconds) => (command::GRIPPARK, Some(seconds)),
         }
     }
 

@@ -7,16 +7,6 @@
 
 use super::packet::{Data, EncodeError, Packet, append, append_text, take_text};
 
-/// The numbers of the session's commands. Before a session 0, 1 and 2 are SYNC0, SYNC1 and SYNC2.
-pub mod command {
-    /// Nothing but a sign of life.
-    pub const PULSE: u8 = 0;
-    /// Opens the session: with the integer 1, or with no argument.
-    pub const OPEN: u8 = 1;
-    /// Ends the session.
-    pub const CLOSE: u8 = 2;
-}
-
 /// SYNC0, SYNC1, SYNC2, as a host sends them; the robot's answers to the first two are the same
 /// packets.
 pub const SYNC: [Packet<'static>; 3] =

@@ -259,6 +259,11 @@ fn a_gripper_that_is_closed_for_too_long_goes_home_alone() {
     host.run_alive_ms(400);
     assert_eq!((host.ticks(6), host.ticks(1), host.arm().powered), (127, 147, true));
 
+    // Closed again, it has its time again.
+    host.go(6, 77);
+    host.run_alive_ms(2900);
+    assert_eq!(host.ticks(6), 77);
+
     // 0 is never, and 300 s is what holds unless a host says otherwise.
     host.send(ArmCommand::GripPark(0));
     host.go(6, 77);

@@ -5,7 +5,6 @@ use super::*;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
-use protocol::arcos::number;
 
 /// An arm with power and joint 1 at 137, so that whatever is carried out would show.
 fn ready() -> Host {
@@ -21,14 +20,14 @@ fn commands_that_say_something_wrong_are_counted_and_change_nothing() {
     let positive = |value| Some(Argument::Positive(value));
     let mut wrong = Vec::new();
     let needs_an_argument = [
-        number::STATUS,
-        number::POWER,
-        number::HOME,
-        number::POS,
-        number::SPEED,
-        number::STOP,
-        number::AUTOPARK,
-        number::GRIPPARK,
+        command::STATUS,
+        command::POWER,
+        command::HOME,
+        command::POS,
+        command::SPEED,
+        command::STOP,
+        command::AUTOPARK,
+        command::GRIPPARK,
     ];
     for number in needs_an_argument {
         wrong.push((number, None));
@@ -37,13 +36,13 @@ fn commands_that_say_something_wrong_are_counted_and_change_nothing() {
     }
     let joint = |number: u16, low: u16| positive(256 * number + low);
     for bad in [0, 7, 255] {
-        wrong.push((number::POS, joint(bad, 10)));
-        wrong.push((number::SPEED, joint(bad, 10)));
+        wrong.push((command::POS, joint(bad, 10)));
+        wrong.push((command::SPEED, joint(bad, 10)));
     }
-    wrong.extend([0, 7, 254, 256].map(|value| (number::STOP, positive(value))));
-    wrong.push((number::HOME, positive(0)));
-    wrong.extend([3, 255, 256].map(|value| (number::STATUS, positive(value))));
-    wrong.extend([2, 256].map(|value| (number::POWER, positive(value))));
+    wrong.extend([0, 7, 254, 256].map(|value| (command::STOP, positive(value))));
+    wrong.push((command::HOME, positive(0)));
+    wrong.extend([3, 255, 256].map(|value| (command::STATUS, positive(value))));
+    wrong.extend([2, 256].map(|value| (command::POWER, positive(value))));
 
     for (number, argument) in wrong {
         let mut host = ready();
@@ -63,7 +62,7 @@ fn commands_that_say_something_wrong_are_counted_and_change_nothing() {
 fn arguments_that_are_none_are_refused_where_one_is_needed() {
     for data in [&[0x3B][..], &[0x3B, 1], &[0x3B, 1, 0, 0], &[0xAA, 1, 0]] {
         let mut host = ready();
-        let packet = Packet { id: number::HOME, data };
+        let packet = Packet { id: command::HOME, data };
         host.send_bytes(packet.encode(&mut [0; 20]).unwrap());
         host.run_ms(500);
         assert_eq!((host.link().refused, host.ticks(1)), (1, 137), "{data:02x?}");
@@ -74,7 +73,7 @@ fn arguments_that_are_none_are_refused_where_one_is_needed() {
 fn an_argument_that_a_command_does_not_take_is_not_looked_at() {
     for argument in [Argument::Positive(9), Argument::Negative(9), Argument::Text(b"x")] {
         let mut host = ready();
-        host.send_bytes(encode_command(number::PARK, Some(argument), &mut [0; 20]).unwrap());
+        host.send_bytes(encode_command(command::PARK, Some(argument), &mut [0; 20]).unwrap());
         host.run_ms(500);
         assert_eq!((host.link().refused, host.arm().powered), (0, false), "{argument:?}");
     }
@@ -125,7 +124,7 @@ enum Event {
 fn event() -> impl Strategy<Value = Event> {
     let joint = || select(Joint::ALL.to_vec());
     let joints = || prop_oneof![Just(Joints::All), joint().prop_map(Joints::One)];
-    let command = prop_oneof![
+    let arm_command = prop_oneof![
         2 => Just(ArmCommand::Power(true)),
         4 => (joint(), any::<u8>()).prop_map(|(joint, ticks)| ArmCommand::Position { joint, ticks }),
         3 => (joint(), 0u8..10)
@@ -144,7 +143,7 @@ fn event() -> impl Strategy<Value = Event> {
         ]),
     ];
     prop_oneof![
-        12 => command.prop_map(Event::Command),
+        12 => arm_command.prop_map(Event::Command),
         1 => (65u8..85, vec(any::<u8>(), 0..5)).prop_map(|(id, data)| Event::Packet(id, data)),
         1 => vec(select(vec![0xFA, 0xFB, 3, 6, 70, 0]), 0..20).prop_map(Event::Noise),
         1 => any::<bool>().prop_map(Event::Connected),

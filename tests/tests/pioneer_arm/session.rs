@@ -200,6 +200,36 @@ fn status_2_brings_an_armpac_before_every_standard_packet_until_it_is_stopped() 
 }
 
 #[test]
+fn a_host_that_floods_the_line_with_questions_still_gets_every_kind_of_answer() {
+    let mut host = Host::with(Make { line_rate: 9600, ..Make::default() });
+    SYNC.iter().for_each(|sync| host.send_bare(sync.id));
+    host.send_int(command::OPEN, 1);
+    host.run_ms(200);
+    for questions in [
+        &[ArmCommand::Status(StatusRequest::Once)][..],
+        &[ArmCommand::Info],
+        &[ArmCommand::Status(StatusRequest::Stream), ArmCommand::Info],
+    ] {
+        let mut ids = Vec::new();
+        host.received();
+        for _ in 0..500 {
+            while host.board.line.backlog() < 60 {
+                questions.iter().for_each(|&question| host.send(question));
+            }
+            host.run_ms(10);
+            ids.extend(host.ids());
+        }
+        let share = |id| ids.iter().filter(|&&other| other == id).count();
+        let standard = share(Standard::ID);
+        assert!((40..=51).contains(&standard), "{standard} in 5 s, after {questions:?}");
+        if questions.len() == 2 {
+            let (status, info) = (share(ArmStatus::ID), share(ArmInfo::ID));
+            assert!(status >= 40 && info >= 20, "{status} and {info}");
+        }
+    }
+}
+
+#[test]
 fn info_tells_the_calibration_and_the_speeds_as_they_are() {
     let mut host = Host::opened();
     host.speed(2, 40);

@@ -36,8 +36,9 @@ pub(super) struct Joint {
     goal: u8,
     /// On this way it is no faster than its calibrated speed, whatever SPEED says.
     unhurried: bool,
-    /// When it took its last step, or set out: a point of the grid.
+    /// When it took its last step, or set out, and when it takes the next one: points of the grid.
     since: Instant,
+    step_at: Instant,
 }
 
 impl Joint {
@@ -50,6 +51,7 @@ impl Joint {
             goal: 0,
             unhurried: false,
             since: Instant::MIN,
+            step_at: Instant::MIN,
         };
         joint.set_speed(calibration.ms_per_tick);
         joint.goal = joint.home_position();
@@ -83,7 +85,7 @@ impl Joint {
         self.position < self.home_position()
     }
 
-    /// Takes a speed, limited to 1 to 127 ms a step; it holds for the step under way too.
+    /// Takes a speed, limited to 1 to 127 ms a step; the step under way keeps its time.
     pub fn set_speed(&mut self, ms_per_tick: u8) -> Limited {
         self.ms_per_tick = ms_per_tick.max(SPEEDS.0).min(SPEEDS.1);
         Limited(self.ms_per_tick != ms_per_tick)
@@ -110,7 +112,7 @@ impl Joint {
 
     /// When its next step is due, if it is on its way.
     pub fn steps_at(&self) -> Option<Instant> {
-        self.is_moving().then(|| self.since.saturating_add(self.step_time()))
+        self.is_moving().then_some(self.step_at)
     }
 
     /// Takes the step that is due, if one is. One that is late does not delay those behind it,
@@ -121,7 +123,7 @@ impl Joint {
         self.position =
             if up { self.position.saturating_add(1) } else { self.position.saturating_sub(1) };
         let is_late = due.saturating_add(self.step_time()) <= now;
-        self.since = if is_late { last_grid_point(now) } else { due };
+        self.start_step(if is_late { last_grid_point(now) } else { due });
     }
 
     /// When its servo will be, or was, where it is; `None` while it is on its way.
@@ -143,8 +145,13 @@ impl Joint {
         self.goal = goal;
         if self.is_moving() && !was_moving {
             let just_before = GRID - Duration::from_ticks(1);
-            self.since = last_grid_point(now.saturating_add(just_before));
+            self.start_step(last_grid_point(now.saturating_add(just_before)));
         }
+    }
+
+    fn start_step(&mut self, since: Instant) {
+        self.since = since;
+        self.step_at = since.saturating_add(self.step_time());
     }
 
     fn step_time(&self) -> Duration {

@@ -112,6 +112,9 @@ struct Answers {
     /// When an ARMpac is due.
     status_at: Option<Instant>,
     stream: bool,
+    /// An ARMpac has been sent since the last standard packet: now others go first, so that no
+    /// flood of STATUS keeps them from the line.
+    status_said: bool,
     /// When the next standard packet is due.
     cycle_at: Instant,
     counters: ArmCounters,
@@ -131,6 +134,7 @@ impl PioneerArm {
                 info: false,
                 status_at: None,
                 stream: false,
+                status_said: false,
                 cycle_at: now,
                 counters: ArmCounters::default(),
             },
@@ -238,26 +242,37 @@ impl Answers {
         if self.phase != Phase::Open {
             return None;
         }
-        // The shorter one first: a host waits less for it.
-        if self.status_at.take_if(|at| *at <= now).is_some() {
-            return Some(Answer::Status);
+        let status_is_due = self.status_at.is_some_and(|at| at <= now);
+        if status_is_due && !self.status_said {
+            return Some(self.say_status());
+        }
+        if now >= self.cycle_at {
+            return Some(self.say_standard(now));
         }
         if core::mem::take(&mut self.info) {
             return Some(Answer::Info);
         }
-        if now < self.cycle_at {
-            return None;
-        }
+        status_is_due.then(|| self.say_status())
+    }
+
+    fn say_status(&mut self) -> Answer {
+        self.status_at = None;
+        self.status_said = true;
+        Answer::Status
+    }
+
+    /// The standard packet of this cycle; the next is that of the next cycle that is not over.
+    fn say_standard(&mut self, now: Instant) -> Answer {
         let missed = (now - self.cycle_at).as_ticks() / CYCLE.as_ticks();
         self.cycle_at += Duration::from_ticks((missed + 1) * CYCLE.as_ticks());
+        self.status_said = false;
         if self.stream {
-            // Before the standard packet of its cycle.
             self.status_at = Some(self.cycle_at);
         }
         count(&mut self.counters.standard_sent);
         let skipped = &mut self.counters.standard_skipped;
         *skipped = skipped.wrapping_add(missed as u32); // wraps, as documented
-        Some(Answer::Standard)
+        Answer::Standard
     }
 
     /// When the host will have been silent for too long.
