@@ -13,11 +13,7 @@
 //! ```
 
 use std::cell::RefCell;
-use std::pin::Pin;
 use std::rc::Rc;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Wake, Waker};
 
 use embassy_time::{Duration, Instant};
 use firmware::controller::{Controller, Snapshot};
@@ -27,6 +23,7 @@ use firmware::settings::Settings;
 
 use crate::clock;
 use crate::plant::{Plant, Scene};
+use crate::running::Running;
 use crate::tasks::{self, Channels};
 use crate::wire::Line;
 
@@ -52,9 +49,7 @@ impl Default for Make {
 /// A board on virtual time, a PMS5005 or with another session. There is one at a time in a thread:
 /// making another sets the thread's clock back to zero.
 pub struct VirtualBoard<S: Session = Pms5005> {
-    app: Pin<Box<dyn Future<Output = ()>>>,
-    woken: Arc<Woken>,
-    waker: Waker,
+    running: Running,
     channels: Rc<Channels<S::Counters>>,
     /// The world around the board.
     pub plant: Rc<RefCell<Plant>>,
@@ -82,7 +77,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
         let plant = Rc::new(RefCell::new(Plant::new(make.scene, make.seed)));
         let line = Line::new(make.line_rate);
         let channels = Rc::new(Channels::new());
-        let app = Box::pin({
+        let running = Running::new({
             let (mut rx, mut tx) = line.board_end();
             let (plant, channels) = (plant.clone(), channels.clone());
             let mut session = session(Instant::now());
@@ -92,14 +87,12 @@ impl<S: Session + 'static> VirtualBoard<S> {
                 tasks::all(&plant, &mut controller, &mut session, line, &channels).await;
             }
         });
-        let woken = Arc::new(Woken(AtomicBool::new(true)));
-        let waker = Waker::from(woken.clone());
-        Self { app, woken, waker, channels, plant, line }
+        Self { running, channels, plant, line }
     }
 
     /// Runs until `time`.
     pub fn run_until(&mut self, time: Instant) {
-        tasks::run_until(self.app.as_mut(), &self.waker, &self.woken.0, time);
+        self.running.run_until(time);
         self.plant.borrow_mut().advance_to(time.as_millis());
     }
 
@@ -122,13 +115,5 @@ impl<S: Session + 'static> VirtualBoard<S> {
 impl Default for VirtualBoard {
     fn default() -> Self {
         Self::new(Make::default())
-    }
-}
-
-struct Woken(AtomicBool);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.store(true, Ordering::Relaxed);
     }
 }
