@@ -140,12 +140,12 @@ fn an_independent_master_sees_refusals_and_a_pulled_plug() {
     assert_eq!(error.byte(), 0x08, "1024 is no position");
     assert_eq!(handler.read(port.as_mut(), 1, 30, 2).unwrap(), [0, 2]);
 
-    assert_eq!(bus.ask(json!({"set": {"unplugged": [1]}})), json!({"ok": true}));
+    assert_eq!(bus.ask(json!({"set": {"unplug": [1]}})), json!({"ok": true}));
     assert!(!handler.ping(port.as_mut(), 1).unwrap() && handler.ping(port.as_mut(), 2).unwrap());
-    assert_eq!(bus.ask(json!({"set": {"unplugged": []}})), json!({"ok": true}));
+    assert_eq!(bus.ask(json!({"set": {"replug": [1]}})), json!({"ok": true}));
     assert!(handler.ping(port.as_mut(), 1).unwrap());
 
-    let error = bus.ask(json!({"set": {"unplugged": [1], "jammed": [3]}}));
+    let error = bus.ask(json!({"set": {"unplug": [1], "jammed": [3]}}));
     assert_eq!(error["error"], "jammed: expected a list of IDs out of [1, 2]");
     assert!(handler.ping(port.as_mut(), 1).unwrap(), "and nothing was changed");
 }

@@ -107,24 +107,6 @@ impl Machine for Ax12Bus {
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        let mut faults = self.faults;
-        let (mut unplugged, mut jammed) = (None, None);
-        for (key, value) in changes {
-            match key.as_str() {
-                "unplugged" => unplugged = Some(servos::named(&self.ids, key, value)?),
-                "jammed" => jammed = Some(servos::named(&self.ids, key, value)?),
-                _ if servos::set_fault(&mut faults, key, value)? => {}
-                _ => return Err(format!("{key}: nothing of this name can be set")),
-            }
-        }
-        self.faults = faults;
-        self.bus.set_faults(faults);
-        for (index, unplugged) in unplugged.into_iter().flatten().enumerate() {
-            if unplugged { self.bus.unplug(index) } else { self.bus.plug(index) }
-        }
-        for (index, jammed) in jammed.into_iter().flatten().enumerate() {
-            self.bus.servo(index).surroundings.jammed = jammed;
-        }
-        Ok(())
+        servos::set(&mut self.bus, &self.ids, &mut self.faults, changes)
     }
 }

@@ -116,23 +116,7 @@ impl Machine for Cm5 {
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        let mut faults = self.faults;
-        let (mut unplug, mut replug) = (vec![], vec![]);
-        for (key, value) in changes {
-            match key.as_str() {
-                "unplug" => unplug = servos::named(&self.ids, key, value)?,
-                "replug" => replug = servos::named(&self.ids, key, value)?,
-                _ if servos::set_fault(&mut faults, key, value)? => {}
-                _ => return Err(format!("{key}: nothing of this name can be set")),
-            }
-        }
-        self.faults = faults;
-        let mut bus = self.board.bus.bus();
-        bus.set_faults(faults);
-        let chosen = |list: Vec<bool>| list.into_iter().enumerate().filter(|(_, named)| *named);
-        chosen(unplug).for_each(|(index, _)| bus.unplug(index));
-        chosen(replug).for_each(|(index, _)| bus.plug(index));
-        Ok(())
+        servos::set(&mut self.board.bus.bus(), &self.ids, &mut self.faults, changes)
     }
 }
 

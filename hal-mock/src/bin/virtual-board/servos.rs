@@ -2,9 +2,9 @@
 //! their bus.
 
 use hal_mock::plant::Ax12;
-use hal_mock::servo_bus::Faults;
+use hal_mock::servo_bus::{Faults, ServoBus};
 use protocol::dynamixel::Register;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::values;
 
@@ -48,27 +48,54 @@ pub fn faults(list: &str) -> Result<Faults, String> {
     Ok(faults)
 }
 
-/// Changes a fault rate, if `key` is one.
-pub fn set_fault(faults: &mut Faults, key: &str, value: &Value) -> Result<bool, String> {
-    let place = match key {
-        "dropped_ppm" => &mut faults.dropped_ppm,
-        "flipped_ppm" => &mut faults.flipped_ppm,
-        "stalled_ppm" => &mut faults.stalled_ppm,
-        _ => return Ok(false),
-    };
-    *place = values::number(key, value, CERTAIN_PPM)?.unwrap_or(0);
-    Ok(true)
+/// Changes the bus and its servos as the inspector asks. `ids` are the IDs that they had in the
+/// beginning. An error names the key, and nothing is changed.
+pub fn set(
+    bus: &mut ServoBus,
+    ids: &[u8],
+    faults: &mut Faults,
+    changes: &Map<String, Value>,
+) -> Result<(), String> {
+    let mut rates = *faults;
+    let (mut unplug, mut replug, mut jammed) = (vec![], vec![], None);
+    for (key, value) in changes {
+        let rate = match key.as_str() {
+            "unplug" => {
+                unplug = named(ids, key, value)?;
+                continue;
+            }
+            "replug" => {
+                replug = named(ids, key, value)?;
+                continue;
+            }
+            "jammed" => {
+                jammed = Some(named(ids, key, value)?);
+                continue;
+            }
+            "dropped_ppm" => &mut rates.dropped_ppm,
+            "flipped_ppm" => &mut rates.flipped_ppm,
+            "stalled_ppm" => &mut rates.stalled_ppm,
+            _ => return Err(format!("{key}: nothing of this name can be set")),
+        };
+        *rate = values::number(key, value, CERTAIN_PPM)?.unwrap_or(0);
+    }
+    *faults = rates;
+    bus.set_faults(rates);
+    unplug.into_iter().for_each(|index| bus.unplug(index));
+    replug.into_iter().for_each(|index| bus.plug(index));
+    if let Some(jammed) = jammed {
+        for index in 0..ids.len() {
+            bus.servo(index).surroundings.jammed = jammed.contains(&index);
+        }
+    }
+    Ok(())
 }
 
-/// Which of these servos a list of IDs names.
-pub fn named(ids: &[u8], key: &str, value: &Value) -> Result<Vec<bool>, String> {
-    let known = |value: &Value| {
-        let id = u8::try_from(value.as_u64()?).ok()?;
-        ids.contains(&id).then_some(id)
-    };
-    let named: Option<Vec<_>> = value.as_array().and_then(|ids| ids.iter().map(known).collect());
-    let named = named.ok_or(format!("{key}: expected a list of IDs out of {ids:?}"))?;
-    Ok(ids.iter().map(|id| named.contains(id)).collect())
+/// Which of these servos a list of IDs names, by their places.
+fn named(ids: &[u8], key: &str, value: &Value) -> Result<Vec<usize>, String> {
+    let place = |value: &Value| ids.iter().position(|&id| value.as_u64() == Some(id.into()));
+    let named = value.as_array().and_then(|named| named.iter().map(place).collect());
+    named.ok_or(format!("{key}: expected a list of IDs out of {ids:?}"))
 }
 
 /// Where the servos are, for a status line.
