@@ -3,7 +3,8 @@
 //! - [`Receiver`] finds frames in a stream, [`Frame`] takes one apart and puts one together;
 //! - [`Command`] is what a host asks for (Table II.1);
 //! - [`Report`] is what the board tells (Tables II.2 to II.4);
-//! - [`ACK`] and [`PING`] are the two short frames that the board sends besides.
+//! - [`ACK`] and [`PING`] are the two short frames that the board sends besides;
+//! - [`extension`] is what this implementation adds, off the manual's map.
 //!
 //! # Where the manual is silent, and what we do
 //! The manual leaves questions open and contradicts itself in places; host programs in the field
@@ -29,6 +30,7 @@
 //! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
 
 mod command;
+pub mod extension;
 mod frame;
 mod motion;
 mod parameter;
