@@ -9,6 +9,7 @@
 //! - [`clock`]: virtual time, one clock a thread;
 //! - [`tasks`]: the firmware's own tasks over the plant and the clock;
 //! - [`wire`]: the serial line, paced like a UART;
+//! - [`flash`]: the memory for the settings, which may lose power at any byte;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
 //! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`].
 //!
@@ -24,6 +25,8 @@ pub mod tasks;
 
 #[cfg(feature = "std")]
 pub mod board;
+#[cfg(feature = "std")]
+pub mod flash;
 #[cfg(feature = "std")]
 pub mod scene_file;
 #[cfg(feature = "std")]

@@ -9,6 +9,7 @@ use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
 use firmware::app;
@@ -16,7 +17,7 @@ use firmware::board::line::{Receiver, Sender};
 use firmware::board::ssd1306::Ssd1306;
 use firmware::board::{self, Board, Motion, Sensing};
 use firmware::controller::Controller;
-use firmware::personality::pms5005::{LinkCounters, Pms5005};
+use firmware::personality::pms5005::{Boot, LinkCounters, Pms5005};
 use firmware::settings::Settings;
 use static_cell::StaticCell;
 
@@ -73,12 +74,12 @@ async fn main(spawner: Spawner) {
         BOARD.init_with(board::start);
     let all = &*CHANNELS.init_with(Channels::new);
     let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT.link, Instant::now()));
+    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
     interrupt::UART4.set_priority(Priority::P6);
     interrupt::UART5.set_priority(Priority::P7);
     CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));
     SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
-    app::supervise(|| watchdog.pet(), all).await;
+    join(app::supervise(|| watchdog.pet(), all), app::no_upkeep(all)).await;
 }
