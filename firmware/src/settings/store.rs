@@ -21,6 +21,7 @@ use embassy_futures::block_on;
 use embedded_storage::nor_flash::{ErrorType, NorFlash};
 use embedded_storage_async::nor_flash as asynchronous;
 use protocol::pms5005::extension::Origin;
+use sequential_storage::cache::key_pointers::ArrayKeyPointers;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
@@ -127,8 +128,10 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
-/// The map, which remembers nothing between two calls.
-type Map<'a, F, W> = MapStorage<u8, Fed<'a, F, W>, Cache<Uncached, Uncached, Uncached, u8>>;
+/// The map. It remembers where the record is for as long as a call lasts: without that a save which
+/// begins a sector would read all records once for each.
+type Map<'a, F, W> =
+    MapStorage<u8, Fed<'a, F, W>, Cache<Uncached, Uncached, ArrayKeyPointers<u8, 1>, u8>>;
 
 /// The map over the flash; `None` if the range is no two sectors.
 fn map<'a, F: NorFlash, W: FnMut()>(
@@ -137,7 +140,8 @@ fn map<'a, F: NorFlash, W: FnMut()>(
     feed: &'a mut W,
 ) -> Option<Map<'a, F, W>> {
     let config = MapConfig::try_new(range.clone()).ok()?;
-    Some(MapStorage::new(Fed { flash, feed }, config, Cache::new_uncached()))
+    let cache = Cache::new(Uncached, Uncached, ArrayKeyPointers::new());
+    Some(MapStorage::new(Fed { flash, feed }, config, cache))
 }
 
 /// The flash as the map wants it, with a watchdog that is fed before each sector's erase.
