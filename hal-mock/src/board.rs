@@ -140,7 +140,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
                         ),
                         app::upkeep(&mut store, &mut system, &channels),
                     );
-                    let Either::Second(cause) = select(tasks, restart.wait()).await else { break };
+                    let Either::Second(cause) = select(tasks, restart.wait()).await; // tasks never end
                     reset = cause;
                 }
             }

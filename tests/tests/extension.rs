@@ -344,7 +344,7 @@ fn damaged_settings_are_a_fault_until_it_is_cleared() {
 #[test]
 fn a_start_by_the_watchdog_is_a_fault() {
     let mut bench = Bench::quiet();
-    bench.board.switch_on(ResetCause::Watchdog);
+    bench.board.start_again(ResetCause::Watchdog);
     bench.run_ms(20);
     hush(&mut bench);
     assert_eq!(identity(&mut bench).reset, ResetCause::Watchdog);

@@ -7,9 +7,9 @@
 
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::join::join;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use embassy_futures::join::join;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
 use firmware::app;
@@ -74,7 +74,8 @@ async fn main(spawner: Spawner) {
         BOARD.init_with(board::start);
     let all = &*CHANNELS.init_with(Channels::new);
     let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
+    let session =
+        SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
     interrupt::UART4.set_priority(Priority::P6);
     interrupt::UART5.set_priority(Priority::P7);
     CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));

@@ -241,9 +241,9 @@ impl<'a> Reader<'a> {
         meaning(code)
     }
 
-    /// What has not been taken yet.
-    pub(super) fn rest(&self) -> &'a [u8] {
-        self.rest
+    /// All that is left.
+    pub(super) fn rest(&mut self) -> &'a [u8] {
+        core::mem::take(&mut self.rest)
     }
 }
 

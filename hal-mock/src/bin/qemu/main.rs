@@ -57,7 +57,8 @@ fn main() -> ! {
     let plant = PLANT.init_with(|| RefCell::new(Plant::new(Scene::default(), SEED)));
     let channels = CHANNELS.init_with(Channels::new);
     let controller = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
+    let session =
+        SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
     TRACE.start();
     HOST.start();
     uart::listen();
