@@ -15,7 +15,7 @@
 //! | byte stuffing | There is none. LEN rules reception; `5E 02` and `5E 0D` may stand in DATA. After a damaged frame the next good one is found, even inside the damaged one's bytes. |
 //! | what is acknowledged | Every intact frame with RID 1 whose RES is not 255. The acknowledgement looks like a host's ping (255, data 1), and some hosts answer it with another: those are answered at most once in 200 ms. 255 with data 0 is answered at once. |
 //! | other RIDs | Ignored silently: the line may be shared. |
-//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). |
+//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). 96 to 111 are the [`extension`]'s. |
 //! | bad values, lengths that fit no form | Acknowledged, as the frame arrived intact; nothing of it is carried out, not even the good part of a list. |
 //! | a channel twice in one list | A bad value: nobody can tell which one was meant. |
 //! | Flag before the time of a list | 28 as documented, 6 as some hosts have it, or none at all. |
