@@ -119,6 +119,7 @@ pub trait LcdPort {
 
 /// What the processor can start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Program {
     /// This firmware, from its beginning.
     Firmware,
