@@ -247,6 +247,19 @@ fn all_settings_of_a_request_are_set_in_one_period_and_read_back() {
 }
 
 #[test]
+fn a_shorter_telemetry_period_does_not_wait_for_the_end_of_a_longer_one() {
+    let mut bench = Bench::quiet();
+    set(&mut bench, &[(32, 60_000)]);
+    bench.send(Command::Telemetry { reports: Reports::Motors, repeat: Repeat::Continuous });
+    bench.run_ms(100);
+    set(&mut bench, &[(32, 100)]);
+    bench.received();
+    bench.run_ms(1000);
+    let count = bench.received().iter().filter(|frame| frame.report().is_some()).count();
+    assert!((9..=11).contains(&count), "{count} in a second at 100 ms");
+}
+
+#[test]
 fn the_link_timeout_is_in_force_at_once() {
     let mut bench = Bench::quiet();
     assert_eq!(set(&mut bench, &[(1, 300)]).0, Verdict::Done);

@@ -33,7 +33,6 @@ pub enum Request {
 
 /// What is done while control is held back and nothing is driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Upkeep {
     /// To save these settings.
     Save(Settings),

@@ -91,7 +91,6 @@ impl ControlSettings {
 
 /// The PMS5005 session's settings, times in ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkSettings {
     /// Period of telemetry; default 50.
     pub telemetry_period_ms: u16,
@@ -134,7 +133,6 @@ impl ArmSettings {
 
 /// All settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Settings {
     /// The controller's.
     pub control: ControlSettings,

@@ -1,6 +1,6 @@
 //! Settings that survive: a log of records in flash, of which the last good one counts.
 //!
-//! Vocabulary: a *record* is all settings as one item of `sequential-storage`'s map, whose CRC-32
+//! Vocabulary: a *record* is all [numbered](super::table) settings as one item of `sequential-storage`'s map, whose CRC-32
 //! covers every byte of it; a *sector* is what is erased at once.
 //!
 //! Promises, whenever power is lost (`hal-mock`'s tests try every byte of a save and of an erase):
@@ -103,7 +103,7 @@ impl<F: NorFlash> Store<F> {
             Some(mut map) => block_on(map.store_item(&mut buffer, &KEY, &record)).is_ok(),
             None => false,
         };
-        stored && self.fetch(feed) == Some(*settings)
+        stored && self.fetch(feed).is_some_and(|stored| stored.iter().eq(settings.iter()))
     }
 
     /// The last good record, if it is one of ours.

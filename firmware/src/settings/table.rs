@@ -2,6 +2,9 @@
 //!
 //! Numbers never change their meaning and are never given again: they are on the wire (DIDs 7 and
 //! 96) and in the flash. A value is a whole number; 0 and 1 stand for no and yes.
+//!
+//! It holds what the controller and the PMS5005's session have. The Pioneer Arm's settings are not
+//! in it: they are chosen when its board is made, and are not stored.
 
 use protocol::pms5005::extension::{Description, Unit};
 

@@ -365,6 +365,7 @@ impl Answers {
             wire::Command::Extension(request) => {
                 let (answer, request) = self.extension.respond(request);
                 self.settle(answer);
+                self.hasten(now);
                 request
             }
             wire::Command::PingOrAck | wire::Command::Ping => None,
@@ -380,6 +381,12 @@ impl Answers {
             }
             stream.repeat = repeat;
         }
+    }
+
+    /// Brings the streams forward to a period that may have become shorter.
+    fn hasten(&mut self, now: Instant) {
+        let latest = now.saturating_add(telemetry_period(self.extension.settings()));
+        self.streams.iter_mut().for_each(|stream| stream.due = stream.due.min(latest));
     }
 
     /// Notes what came of a request that could be read, if that is known already.

@@ -73,7 +73,7 @@ enum DialectName {
 }
 
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 4] = [
+const PARTICULAR: [(&str, &[Personality]); 5] = [
     ("udp", &[Personality::Pms5005]),
     ("scene", &[Personality::Pms5005]),
     ("dialect", &[Personality::PioneerArm]),
