@@ -69,7 +69,9 @@ fn main() -> ! {
     let line = Line::default();
     let (mut rx, mut tx) = line.board_end();
     let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels);
-    let mut board = pin!(async { drop(join(all, app::no_upkeep(channels)).await) });
+    let mut board = pin!(async {
+        join(all, app::no_upkeep(channels)).await;
+    });
     let waker = waker();
     let mut run_until = |ms: u32| {
         tasks::run_until(board.as_mut(), &waker, &WOKEN, Instant::from_millis(ms.into()));
