@@ -13,11 +13,7 @@
 //! ```
 
 use std::cell::RefCell;
-use std::pin::Pin;
 use std::rc::Rc;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Wake, Waker};
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, select};
@@ -36,6 +32,7 @@ use protocol::pms5005::extension::{Origin, ResetCause};
 use crate::clock;
 use crate::flash::{self, Flash};
 use crate::plant::{Plant, Scene};
+use crate::running::Running;
 use crate::tasks::{self, Channels};
 use crate::wire::Line;
 
@@ -61,9 +58,7 @@ impl Default for Make {
 /// A board on virtual time, a PMS5005 or with another session. There is one at a time in a thread:
 /// making another sets the thread's clock back to zero.
 pub struct VirtualBoard<S: Session = Pms5005> {
-    app: Pin<Box<dyn Future<Output = ()>>>,
-    woken: Arc<Woken>,
-    waker: Waker,
+    running: Running,
     /// Those since the last start.
     channels: Rc<RefCell<Rc<Channels<S::Counters>>>>,
     restart: Rc<Restart>,
@@ -112,7 +107,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
         let line = Line::new(make.line_rate);
         let channels = Rc::new(RefCell::new(Rc::new(Channels::new())));
         let restart = Rc::new(Restart::new());
-        let app = Box::pin({
+        let running = Running::new({
             let (mut rx, mut tx) = line.board_end();
             let mut store = Store::new(flash.clone(), 0..flash::SIZE as u32);
             let (plant, all_channels, restart) = (plant.clone(), channels.clone(), restart.clone());
@@ -145,9 +140,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
                 }
             }
         });
-        let woken = Arc::new(Woken(AtomicBool::new(true)));
-        let waker = Waker::from(woken.clone());
-        Self { app, woken, waker, channels, restart, plant, line, flash }
+        Self { running, channels, restart, plant, line, flash }
     }
 
     /// Starts the firmware from its beginning: what it drove goes off, what it knew is lost. World,
@@ -158,7 +151,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
 
     /// Runs until `time`.
     pub fn run_until(&mut self, time: Instant) {
-        tasks::run_until(self.app.as_mut(), &self.waker, &self.woken.0, time);
+        self.running.run_until(time);
         self.plant.borrow_mut().advance_to(time.as_millis());
     }
 
@@ -196,13 +189,5 @@ impl SystemPort for System<'_> {
 
     fn start(&mut self, _program: Program) {
         self.0.signal(ResetCause::Software);
-    }
-}
-
-struct Woken(AtomicBool);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.store(true, Ordering::Relaxed);
     }
 }

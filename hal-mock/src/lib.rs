@@ -11,7 +11,8 @@
 //! - [`wire`]: the serial line, paced like a UART;
 //! - [`flash`]: the memory for the settings, which may lose power at any byte;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
-//! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`].
+//! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`];
+//! - [`cm5_board`]: the CM-5's bridge over a line and a servo bus: a [`cm5_board::Cm5Board`].
 //!
 //! Tests move the clock by hand; the program `virtual-board` moves it with the wall clock. The
 //! first three need no operating system: the image `src/bin/qemu` runs the same tasks over the
@@ -26,7 +27,11 @@ pub mod tasks;
 #[cfg(feature = "std")]
 pub mod board;
 #[cfg(feature = "std")]
+pub mod cm5_board;
+#[cfg(feature = "std")]
 pub mod flash;
+#[cfg(feature = "std")]
+mod running;
 #[cfg(feature = "std")]
 pub mod scene_file;
 #[cfg(feature = "std")]

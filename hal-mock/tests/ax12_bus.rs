@@ -169,7 +169,7 @@ fn what_is_wrong_with_the_servos_is_named_in_one_line() {
             &["ax12-bus", "--line-rate", "0"],
             "--line-rate 0: a servo bus takes its time, give 9600 or more",
         ),
-        (&["pms5005", "--servos", "1"], "--servos: not for pms5005, only for ax12-bus"),
+        (&["pms5005", "--servos", "1"], "--servos: not for pms5005, only for cm5, ax12-bus"),
     ] {
         let output =
             Command::new(env!("CARGO_BIN_EXE_virtual-board")).args(options).output().unwrap();

@@ -8,6 +8,7 @@
 //! The crate knows bytes and nothing else: no time, no I/O, no control. Boards decode commands
 //! and encode reports with it; hosts and tests do the opposite with the same types.
 //!
+//! - [`cm5`]: the link between a PC and a CM-5, as we reconstructed it;
 //! - [`deframe`]: the resynchronising receiver, generic over a [`deframe::Framing`];
 //! - [`pms5005`]: the WiRobot PMS5005 motion and sensing controller;
 //! - [`arcos`]: the packets of ARCOS, and the Pioneer Arm's among them;
@@ -41,6 +42,7 @@
 )]
 
 pub mod arcos;
+pub mod cm5;
 pub mod deframe;
 pub mod dynamixel;
 pub mod pms5005;

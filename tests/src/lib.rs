@@ -11,6 +11,7 @@
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
+//! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
 //! - `tests/qemu/`: the images in QEMU.
 
 use embassy_time::{Duration, Instant};

@@ -2,7 +2,11 @@
 //!
 //! A [`Session`] is one without I/O: bytes and the time go in, [`Request`]s and bytes come out. It
 //! knows the wire and the controller's vocabulary, never a port. `app::link` runs any of them.
+//!
+//! The CM-5 is none: it has no controller, but a second line to servos of its own. Its
+//! [`cm5::Bridge`] is run by `app::bridge`.
 
+pub mod cm5;
 pub mod pioneer_arm;
 pub mod pms5005;
 mod reception;

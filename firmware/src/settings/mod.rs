@@ -131,7 +131,50 @@ impl ArmSettings {
     };
 }
 
-/// All settings.
+/// What happens when the PC of a CM-5 falls silent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnSilence {
+    /// Goals and torque stay as they are; what turns endlessly is stopped. A robot that goes limp
+    /// falls.
+    #[default]
+    Freeze,
+    /// All torque goes: for what must not hold against a hand.
+    TorqueOff,
+}
+
+/// The CM-5 bridge's settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BridgeSettings {
+    /// Silence of the PC, in ms, after which `on_silence` is done and hellos are said again; 0
+    /// never. Default 1000.
+    pub pc_timeout_ms: u16,
+    /// What the servos do then; default [`OnSilence::Freeze`].
+    pub on_silence: OnSilence,
+    /// How often an ID that did not answer is asked again before there is no servo; default 2. With
+    /// one byte of a hundred damaged, a PING of twice 6 bytes fails once in nine times.
+    pub search_retries: u8,
+    /// Whether the PC may set a servo's lock, which leaves only registers 24 to 35 writable until
+    /// power-off; default no.
+    pub pass_lock: bool,
+}
+
+impl BridgeSettings {
+    /// The defaults named at each field.
+    pub const DEFAULT: Self = Self {
+        pc_timeout_ms: 1000,
+        on_silence: OnSilence::Freeze,
+        search_retries: 2,
+        pass_lock: false,
+    };
+}
+
+impl Default for BridgeSettings {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+/// All settings of a board with motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// The controller's.

@@ -5,6 +5,7 @@
 //! wrong with the command line is said in one line, with exit code 2.
 
 mod ax12_bus;
+mod cm5;
 mod inspect;
 mod links;
 mod machine;
@@ -13,6 +14,7 @@ mod pioneer_arm;
 mod pms5005;
 mod printer;
 mod pty;
+mod servos;
 mod status;
 mod values;
 
@@ -71,6 +73,7 @@ fn run(options: &Options) -> Result<(), String> {
     let mut machine = match options.personality {
         Personality::Pms5005 => pms5005::machine(options)?,
         Personality::PioneerArm => pioneer_arm::machine(options),
+        Personality::Cm5 => cm5::machine(options)?,
         Personality::Ax12Bus => ax12_bus::machine(options)?,
     };
     let mut links =

@@ -36,8 +36,12 @@ pub struct Options {
     /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7.
     #[arg(long, value_name = "IDS", default_value = "1-6")]
     pub servos: String,
+    /// What goes wrong on the servo bus, in parts of a million of its bytes: dropped, flipped and
+    /// stalled, as flipped=100,stalled=2000.
+    #[arg(long, value_name = "RATES", default_value = "")]
+    pub bus_faults: String,
     /// Pace both directions as a UART of that baud would; 0 does not [default: 115200, and 1000000
-    /// for a servo bus].
+    /// for a CM-5 or a servo bus].
     #[arg(long, value_name = "BAUD")]
     line_rate: Option<u32>,
     /// How the Pioneer Arm tells its state: as its manual says, the same with joint 1's motion in
@@ -61,6 +65,8 @@ pub enum Personality {
     Pms5005,
     /// The Pioneer Arm behind ARCOS packets.
     PioneerArm,
+    /// The CM-5 with a bus of AX-12 servos.
+    Cm5,
     /// A bus of AX-12 servos behind a USB adapter.
     Ax12Bus,
 }
@@ -73,11 +79,12 @@ enum DialectName {
 }
 
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 5] = [
+const PARTICULAR: [(&str, &[Personality]); 6] = [
     ("udp", &[Personality::Pms5005]),
     ("scene", &[Personality::Pms5005]),
     ("dialect", &[Personality::PioneerArm]),
-    ("servos", &[Personality::Ax12Bus]),
+    ("servos", &[Personality::Cm5, Personality::Ax12Bus]),
+    ("bus_faults", &[Personality::Cm5, Personality::Ax12Bus]),
     ("settings", &[Personality::Pms5005]),
 ];
 
@@ -95,6 +102,7 @@ impl Personality {
                 Defaults { tcp: "127.0.0.1:5005", udp: Some("127.0.0.1:10001"), line_rate: 115_200 }
             }
             Self::PioneerArm => Defaults { tcp: "127.0.0.1:8101", udp: None, line_rate: 115_200 },
+            Self::Cm5 => Defaults { tcp: "127.0.0.1:5006", udp: None, line_rate: 1_000_000 },
             Self::Ax12Bus => Defaults { tcp: "127.0.0.1:5012", udp: None, line_rate: 1_000_000 },
         }
     }
@@ -130,6 +138,7 @@ impl Options {
                 let name = |p: &Personality| p.to_possible_value().map(|v| v.get_name().to_owned());
                 let whose: Vec<_> = whose.iter().filter_map(name).collect();
                 let here = name(&personality).unwrap_or_default();
+                let option = option.replace('_', "-");
                 return Err(format!("--{option}: not for {here}, only for {}", whose.join(", ")));
             }
         }

@@ -12,10 +12,15 @@
 //!  upkeep: saves settings and restarts the board, while control is held back with nothing driven
 //! ```
 //!
+//! The CM-5 has no controller and other tasks: [`bridge`].
+//!
 //! The functions are generic; an image wraps each in a thin task, `control` on an interrupt
 //! executor above everything else. All channels are made by `main` ([`Channels`]) and passed by
 //! reference, and so is whatever has a state, since a future would hold what it is given several
 //! times over; there are no statics here.
+
+mod bridge;
+mod presence;
 
 use core::cell::{Cell, RefCell};
 
@@ -36,6 +41,9 @@ use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRef
 use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors, SystemPort};
 use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
+pub use bridge::{bridge, bridge_presence};
+use presence::CHECK_IN_PERIOD;
+pub use presence::{Presence, WATCHDOG_PERIOD};
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
 /// 115200 baud, so a period brings two at most; a full queue makes the link wait, nothing is
@@ -47,16 +55,6 @@ pub const PICTURES: usize = 2;
 /// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
 const CHUNK: usize = 64;
 const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
-/// A task that waits for something checks in at least this often while it waits. Work between
-/// two waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
-const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
-/// How long a watchdog must bear without food.
-///
-/// A task's longest silence is one check-in period (50 ms) and one turn of work, and [`supervise`]
-/// looks as often: 150 ms. Erasing a sector of 16 KiB, before which [`upkeep`] feeds it, stalls the
-/// core of an STM32F4 for 500 ms at the most; its watchdog's clock may run at 47 kHz in place of 32
-/// kHz, and then a second is 680 ms.
-pub const WATCHDOG_PERIOD: Duration = Duration::from_millis(1000);
 /// How long the last answer of a program has to leave before another is started: an answer and an
 /// acknowledgement behind the longest frame take 25 ms at 115200 baud.
 const FAREWELL: Duration = Duration::from_millis(100);
@@ -73,30 +71,6 @@ enum Task {
 
 impl Task {
     const ALL: u8 = (1 << 5) - 1;
-}
-
-/// Who has checked in since the watchdog was last fed.
-struct Presence<M: RawMutex>(Mutex<M, Cell<u8>>);
-
-impl<M: RawMutex> Presence<M> {
-    const fn new() -> Self {
-        Self(Mutex::new(Cell::new(0)))
-    }
-
-    fn check_in(&self, task: Task) {
-        self.0.lock(|present| present.set(present.get() | task as u8)); // a bit, fits
-    }
-
-    /// Whether all are present; if so, all must check in again.
-    fn take_if_all(&self) -> bool {
-        self.0.lock(|present| {
-            let all = present.get() == Task::ALL;
-            if all {
-                present.set(0);
-            }
-            all
-        })
-    }
 }
 
 /// The newest value of something, for readers that do not want to wait.
@@ -145,7 +119,7 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
         Self {
             commands: Channel::new(),
             pictures: Channel::new(),
-            presence: Presence::new(),
+            presence: Presence::new(Task::ALL),
             snapshot: Latest::new(Snapshot::BOOT),
             sensors: Latest::new(Sensors::UNKNOWN),
             link: Latest::new(C::default()),
@@ -189,22 +163,13 @@ pub async fn control<M: RawMutex, C: Copy>(
         worst_latency_us = worst_latency_us.max(u16::try_from(latency_us).unwrap_or(u16::MAX));
         snapshot.worst_latency_us = worst_latency_us;
         channels.snapshot.set(snapshot);
-        channels.presence.check_in(Task::Control);
+        channels.presence.check_in(Task::Control as u8);
     }
 }
 
-/// Calls `feed` whenever every task has checked in since it was last called. A task that hangs,
-/// on whatever executor, lets the watchdog starve; it must bear [`WATCHDOG_PERIOD`].
-pub async fn supervise<M: RawMutex, C: Copy>(
-    mut feed: impl FnMut(),
-    channels: &Channels<M, C>,
-) -> ! {
-    loop {
-        Timer::after(CHECK_IN_PERIOD).await;
-        if channels.presence.take_if_all() {
-            feed();
-        }
-    }
+/// Calls `feed` whenever all tasks have shown signs of life: [`Presence::supervise`].
+pub async fn supervise<M: RawMutex, C: Copy>(feed: impl FnMut(), channels: &Channels<M, C>) -> ! {
+    channels.presence.supervise(feed).await
 }
 
 /// Saves settings and starts programs, while control is held back and if nothing is driven: flash
@@ -261,7 +226,7 @@ pub async fn sensors<M: RawMutex, C: Copy>(
 ) -> ! {
     loop {
         channels.sensors.set(port.read().await);
-        channels.presence.check_in(Task::Sensors);
+        channels.presence.check_in(Task::Sensors as u8);
     }
 }
 
@@ -271,7 +236,7 @@ pub async fn display<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
-        channels.presence.check_in(Task::Display);
+        channels.presence.check_in(Task::Display as u8);
         let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
         if let Ok(picture) = waited {
             port.show(picture.number, &picture.columns).await;
@@ -302,7 +267,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
-            channels.presence.check_in(Task::Receive);
+            channels.presence.check_in(Task::Receive as u8);
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
             let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(until)).await {
@@ -346,7 +311,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let transmit = async {
         let mut buffer = [0; MAX_FRAME];
         loop {
-            channels.presence.check_in(Task::Transmit);
+            channels.presence.check_in(Task::Transmit as u8);
             // A frame may take long to send; a snapshot is not kept for so long.
             let frame = {
                 let snapshot = channels.snapshot.get();

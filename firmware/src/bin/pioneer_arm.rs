@@ -1,0 +1,15 @@
+//! The Pioneer Arm on the board that a cargo feature selects: its joints are the servo outputs.
+#![no_std]
+#![no_main]
+
+mod tasks;
+
+use embassy_time::Instant;
+use firmware::personality::pioneer_arm::PioneerArm;
+use firmware::settings::Settings;
+
+type Host = PioneerArm;
+
+fn host(now: Instant) -> Host {
+    PioneerArm::new(Settings::DEFAULT.arm, now)
+}

@@ -1,0 +1,86 @@
+//! What the images over the controller have in common: the library's tasks over the parts of the
+//! board that a cargo feature selects. The image names its session: `Host`, made by `host`.
+//!
+//! Three executors: control on an interrupt above sensing on another, so that a control period
+//! never waits; link, display and supervision in the thread.
+
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::join::join;
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_time::Instant;
+use firmware::app;
+use firmware::board::line::{Receiver, Sender};
+use firmware::board::ssd1306::Ssd1306;
+use firmware::board::{self, Board, Motion, Sensing};
+use firmware::controller::Controller;
+use firmware::personality::Session;
+use firmware::settings::Settings;
+use static_cell::StaticCell;
+
+use crate::{Host, host};
+
+type Channels = app::Channels<CriticalSectionRawMutex, <Host as Session>::Counters>;
+
+static CHANNELS: StaticCell<Channels> = StaticCell::new();
+static BOARD: StaticCell<Board> = StaticCell::new();
+static CONTROLLER: StaticCell<Controller> = StaticCell::new();
+static SESSION: StaticCell<Host> = StaticCell::new();
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
+static SENSING: InterruptExecutor = InterruptExecutor::new();
+
+#[interrupt]
+unsafe fn UART4() {
+    // SAFETY: this is the interrupt that CONTROL was started with.
+    unsafe { CONTROL.on_interrupt() }
+}
+
+#[interrupt]
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt that SENSING was started with.
+    unsafe { SENSING.on_interrupt() }
+}
+
+#[embassy_executor::task]
+async fn control(port: &'static mut Motion, core: &'static mut Controller, all: &'static Channels) {
+    app::control(port, core, all).await;
+}
+
+#[embassy_executor::task]
+async fn sensing(sensing: &'static mut Sensing, all: &'static Channels) {
+    sensing.run(all).await;
+}
+
+#[embassy_executor::task]
+async fn display(display: &'static mut Ssd1306, all: &'static Channels) {
+    display.begin().await;
+    app::display(display, all).await;
+}
+
+#[embassy_executor::task]
+async fn link(
+    rx: &'static mut Receiver,
+    tx: &'static mut Sender,
+    session: &'static mut Host,
+    all: &'static Channels,
+) {
+    app::link(rx, tx, session, all).await;
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog } =
+        BOARD.init_with(board::start);
+    let all = &*CHANNELS.init_with(Channels::new);
+    let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
+    let session = SESSION.init_with(|| host(Instant::now()));
+    interrupt::UART4.set_priority(Priority::P6);
+    interrupt::UART5.set_priority(Priority::P7);
+    CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));
+    SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
+    spawner.spawn(defmt::unwrap!(display(lcd, all)));
+    spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
+    join(app::supervise(|| watchdog.pet(), all), app::no_upkeep(all)).await;
+}

@@ -1,0 +1,317 @@
+//! One request on the servo bus, and its answer.
+//!
+//! The bus is one wire: what we send comes back first, as an *echo*, and only what follows it can
+//! be an answer. An echo that is not what we sent means that somebody else was talking, a
+//! *collision*: nobody has understood the request, and nothing on the line is believed until it
+//! has been quiet. Bytes that nobody was asked for are *strays*: counted and dropped.
+//!
+//! The echo also tells when the last stop bit has left; an answer's time begins there.
+
+use embassy_time::{Duration, Instant};
+use protocol::dynamixel::{EncodeError, Errors, Id, OVERHEAD, Packet, Status, StatusReceiver};
+
+/// A byte at 1 Mbaud.
+const BYTE: Duration = Duration::from_micros(10);
+/// Servos pause for up to 150 us in the middle of a packet (facts).
+const STALL: Duration = Duration::from_micros(150);
+/// The next byte of an answer comes within a stall and its own time; some more for a board that
+/// tells of bytes late.
+const NEXT_BYTE: Duration = Duration::from_micros(180);
+/// The longest return delay, register 5 at 254.
+const LONGEST_RETURN_DELAY: Duration = Duration::from_micros(508);
+/// After a collision the line must have been quiet for a stall and a byte.
+const QUIET: Duration = NEXT_BYTE;
+/// How much later than it should an echo may be complete: boards hand over bytes in pieces.
+const ECHO_SLACK: Duration = Duration::from_millis(2);
+/// However the line babbles, an exchange ends. An answer of 14 bytes with a stall after each of
+/// them takes 2.3 ms.
+const LONGEST_ANSWER: Duration = Duration::from_millis(3);
+
+/// The longest request. An AX-12 has a receive buffer of 143 bytes.
+pub const MAX_REQUEST: usize = 143;
+/// The most that we ask for: the registers 36 to 43.
+const MAX_DATA: usize = 8;
+
+/// How long an answer may let us wait, counted from the request's last stop bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Patience {
+    /// The return delay (2 us) is known; a stall.
+    Known(u8),
+    /// It may be the longest; a stall.
+    Unknown,
+    /// It may be the longest; 60 us instead of a stall, for whoever will ask again anyway.
+    Brief,
+}
+
+impl Patience {
+    /// For an answer with so many bytes of data. Boards may tell of its bytes only when it is
+    /// complete, so its own time counts.
+    fn time(self, data: usize) -> Duration {
+        let packet = BYTE * (OVERHEAD + data) as u32; // 14 at most
+        packet
+            + match self {
+                Self::Known(delay) => Duration::from_micros(2 * u64::from(delay)) + STALL + BYTE,
+                Self::Unknown => LONGEST_RETURN_DELAY + STALL,
+                Self::Brief => LONGEST_RETURN_DELAY + Duration::from_micros(60),
+            }
+    }
+}
+
+/// How an exchange ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The request has left, and nobody answers to such a one.
+    Sent,
+    /// The servo answered as it should.
+    Answered(Answer),
+    /// The servo answered, but not with what was asked for.
+    Refused(Errors),
+    /// Something came, but no intact answer.
+    Damaged,
+    /// Nothing came.
+    TimedOut,
+    /// What was on the line was not our request.
+    Collided,
+}
+
+/// What a servo answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// Its error bits.
+    pub errors: Errors,
+    /// The registers read, from the front.
+    pub data: [u8; MAX_DATA],
+    /// From the request's last stop bit to the answer's.
+    pub latency: Duration,
+}
+
+/// Who is to answer, and with how much.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Expected {
+    id: Id,
+    data: usize,
+    patience: Duration,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Idle,
+    /// So many bytes have come back.
+    Echo(usize),
+    /// The request was complete then.
+    Answer(Expected, Instant),
+    Collision,
+}
+
+/// What the bus has counted. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BusCounters {
+    /// Requests sent.
+    pub requests: u32,
+    /// Requests during which somebody else was talking, or whose echo did not come back.
+    pub collisions: u32,
+    /// Bytes that nobody was asked for: garbage, second answers, late ones.
+    pub stray_bytes: u32,
+    /// Errors that the board's receiver reported.
+    pub line_errors: u32,
+}
+
+/// The bus, with at most one exchange on it.
+pub struct Bus {
+    request: heapless::Vec<u8, MAX_REQUEST>,
+    expected: Option<Expected>,
+    phase: Phase,
+    /// When the phase is over for want of bytes, and when in spite of them.
+    deadline: Instant,
+    limit: Instant,
+    receiver: StatusReceiver,
+    /// Whether anything has come since the request was complete.
+    heard: bool,
+    /// Strays are counted from the receiver too.
+    counters: BusCounters,
+}
+
+impl Bus {
+    pub const fn new() -> Self {
+        Self {
+            request: heapless::Vec::new(),
+            expected: None,
+            phase: Phase::Idle,
+            deadline: Instant::MAX,
+            limit: Instant::MAX,
+            receiver: StatusReceiver::new(),
+            heard: false,
+            counters: BusCounters { requests: 0, collisions: 0, stray_bytes: 0, line_errors: 0 },
+        }
+    }
+
+    pub fn counters(&self) -> BusCounters {
+        let skipped = self.receiver.reception().bytes_skipped;
+        BusCounters {
+            stray_bytes: self.counters.stray_bytes.wrapping_add(skipped),
+            ..self.counters
+        }
+    }
+
+    pub fn line_failed(&mut self) {
+        count(&mut self.counters.line_errors, 1);
+    }
+
+    /// Until when the exchange waits for bytes; `None` if there is none.
+    pub fn waits_until(&self) -> Option<Instant> {
+        (self.phase != Phase::Idle).then_some(self.deadline.min(self.limit))
+    }
+
+    /// Begins an exchange: `write` makes the packet, which `id` is to answer with `data` bytes.
+    pub fn ask<'b>(
+        &mut self,
+        packet: Result<&'b mut [u8], EncodeError>,
+        (id, data): (Id, usize),
+        patience: Patience,
+        now: Instant,
+    ) -> Option<&'b [u8]> {
+        let patience = patience.time(data);
+        self.begin(packet, Some(Expected { id, data, patience }), now)
+    }
+
+    /// Begins an exchange that nobody answers.
+    pub fn tell<'b>(
+        &mut self,
+        packet: Result<&'b mut [u8], EncodeError>,
+        now: Instant,
+    ) -> Option<&'b [u8]> {
+        self.begin(packet, None, now)
+    }
+
+    fn begin<'b>(
+        &mut self,
+        packet: Result<&'b mut [u8], EncodeError>,
+        expected: Option<Expected>,
+        now: Instant,
+    ) -> Option<&'b [u8]> {
+        let packet = packet.ok()?;
+        self.request = heapless::Vec::from_slice(packet).ok()?;
+        self.expected = expected;
+        self.phase = Phase::Echo(0);
+        self.deadline = now + BYTE * packet.len() as u32 + ECHO_SLACK; // up to 143
+        self.limit = Instant::MAX;
+        count(&mut self.counters.requests, 1);
+        Some(packet)
+    }
+
+    /// Takes bytes from the bus until the exchange has ended; call it until all are taken.
+    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Outcome> {
+        while !bytes.is_empty() {
+            match self.phase {
+                Phase::Echo(echoed) => {
+                    let expected = self.request.get(echoed..).unwrap_or_default();
+                    let same = expected.iter().zip(*bytes).take_while(|(a, b)| a == b).count();
+                    *bytes = &bytes[same..]; // no more than there are
+                    if same == expected.len() {
+                        if let Some(outcome) = self.sent(now) {
+                            return Some(outcome);
+                        }
+                    } else if bytes.is_empty() {
+                        self.phase = Phase::Echo(echoed + same);
+                    } else {
+                        self.collided(now);
+                    }
+                }
+                Phase::Answer(expected, since) => {
+                    self.heard = true;
+                    self.deadline = self.deadline.max(now + NEXT_BYTE);
+                    while let Some(packet) = self.receiver.receive(bytes) {
+                        let length = packet.len();
+                        match Packet::parse(packet).ok().and_then(|p| expected.judge(p.into())) {
+                            Some(Ok((errors, data))) => {
+                                self.phase = Phase::Idle;
+                                let latency = now - since;
+                                return Some(Outcome::Answered(Answer { errors, data, latency }));
+                            }
+                            Some(Err(errors)) => {
+                                self.phase = Phase::Idle;
+                                return Some(Outcome::Refused(errors));
+                            }
+                            None => stray(&mut self.counters, length),
+                        }
+                    }
+                }
+                Phase::Idle | Phase::Collision => {
+                    stray(&mut self.counters, bytes.len());
+                    self.deadline = now + QUIET;
+                    *bytes = &[];
+                }
+            }
+        }
+        None
+    }
+
+    /// Ends the exchange if its time is over.
+    pub fn expire(&mut self, now: Instant) -> Option<Outcome> {
+        if self.waits_until().is_none_or(|until| now < until) {
+            return None;
+        }
+        match core::mem::replace(&mut self.phase, Phase::Idle) {
+            Phase::Idle => None,
+            Phase::Answer(..) if self.heard => Some(Outcome::Damaged),
+            Phase::Answer(..) => Some(Outcome::TimedOut),
+            Phase::Echo(_) => {
+                count(&mut self.counters.collisions, 1);
+                Some(Outcome::Collided)
+            }
+            Phase::Collision => Some(Outcome::Collided),
+        }
+    }
+
+    /// The echo is complete.
+    fn sent(&mut self, now: Instant) -> Option<Outcome> {
+        // What is pending there was part of no answer.
+        while let Some(packet) = self.receiver.give_up() {
+            stray(&mut self.counters, packet.len());
+        }
+        self.heard = false;
+        let Some(expected) = self.expected else {
+            self.phase = Phase::Idle;
+            return Some(Outcome::Sent);
+        };
+        self.phase = Phase::Answer(expected, now);
+        self.deadline = now + expected.patience;
+        self.limit = self.deadline + LONGEST_ANSWER;
+        None
+    }
+
+    fn collided(&mut self, now: Instant) {
+        count(&mut self.counters.collisions, 1);
+        self.phase = Phase::Collision;
+        self.deadline = now + QUIET;
+        self.limit = now + LONGEST_ANSWER;
+    }
+}
+
+impl Expected {
+    /// The errors and the data, or the errors alone if it is not the data asked for; `None` if it
+    /// is somebody else's.
+    fn judge(&self, status: Status<'_>) -> Option<Result<(Errors, [u8; MAX_DATA]), Errors>> {
+        if status.id != self.id {
+            return None;
+        }
+        let mut data = [0; MAX_DATA];
+        if status.params.len() != self.data || self.data > MAX_DATA {
+            return Some(Err(status.errors));
+        }
+        for (to, from) in data.iter_mut().zip(status.params) {
+            *to = *from;
+        }
+        Some(Ok((status.errors, data)))
+    }
+}
+
+fn stray(counters: &mut BusCounters, bytes: usize) {
+    count(&mut counters.stray_bytes, bytes as u32); // far fewer than 2^32
+}
+
+/// Counters wrap.
+pub fn count(counter: &mut u32, more: u32) {
+    *counter = counter.wrapping_add(more);
+}

@@ -1,0 +1,293 @@
+//! The CM-5's bridge between a PC and a bus of AX-12 servos.
+//!
+//! ```text
+//!            ┌───────────── Bridge ─────────────┐
+//!   PC ────> │ receive     Roster     bus_sends │ ────> bus
+//!   PC <──── │ transmit  (the servos) bus_hears │ <──── bus
+//!            └──────────────────────────────────┘
+//! ```
+//!
+//! It has no I/O and no clock: bytes of both sides and the time go in, bytes for both come out. The
+//! two sides meet in the roster of servos only, so neither waits for the other: goals are
+//! taken once a cycle, whatever has come by then; a report is made when the PC's line is free, from
+//! what is true then, and one that finds it busy for a whole cycle is skipped and counted.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | `exchange` | one request on the bus and its answer |
+//! | `search` | who is on the bus, at boot and later |
+//! | `servo` | one servo: its setup, its strikes, its counters |
+//! | `cycle` | the loop of work |
+//! | `pc` | hello, answers, goals, reports, silence |
+//!
+//! Rules, where the page ("Communication protocol between PC and CM5") and the facts leave them to us:
+//! - up to 100 servos ([`MAX_SERVOS`]): 18 take 8 ms a cycle, 100 take 44 ms. Those that find no room
+//!   are counted and left alone;
+//! - no goal is sent before the PC's first goals, nor to a servo whose return delay and limits are
+//!   not yet what the PC wants;
+//! - registers 5 to 9 are written only where they differ, and read back;
+//! - a servo that has not answered is stale in the report (8 x `FF`) from that cycle on; one that
+//!   is missing or being set up is not sent goals;
+//! - a new servo becomes part of reports and goals when the PC has answered the hello that told of
+//!   it; until then the others go on as before. A servo that is back takes part at once, with the
+//!   limits it had to have, and the PC hears a hello;
+//! - when the PC is silent, the goals stay as they are, and so does the torque, since a robot that
+//!   goes limp falls: servos end the move that they were sent on, and hold. What turns endlessly
+//!   has no such end and is stopped. A setting switches the torque off instead.
+
+mod cycle;
+mod exchange;
+mod pc;
+mod roster;
+mod search;
+mod servo;
+
+use embassy_time::Instant;
+use protocol::cm5::{Cm5, MAX_PACKET};
+use protocol::deframe::Reception;
+use protocol::dynamixel::{Id, Instruction};
+
+use super::TimedReceiver;
+use crate::settings::BridgeSettings;
+use cycle::{Cycle, Job};
+use exchange::{Bus, Outcome, Patience, count};
+use pc::Pc;
+use roster::Roster;
+use search::{Search, Watch};
+
+pub use exchange::{BusCounters, MAX_REQUEST};
+pub use pc::{HELLO_PERIOD, PcCounters};
+pub use protocol::cm5::MAX_SERVOS;
+pub use servo::{PROBE_PERIOD, STRIKES, Servo, ServoCounters, Stage};
+
+/// What a bridge has counted. The counters wrap; those of a servo are with it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BridgeCounters {
+    /// What was heard of the PC.
+    pub reception: Reception,
+    /// The PC's side.
+    pub pc: PcCounters,
+    /// The bus.
+    pub bus: BusCounters,
+    /// Cycles of the loop of work.
+    pub cycles: u32,
+    /// Servos found after the search.
+    pub newcomers: u32,
+    /// Servos that the search found and that there was no room for.
+    pub without_room: u32,
+}
+
+/// What the exchange under way is for.
+#[derive(Clone, Copy)]
+enum Purpose {
+    Search,
+    Watch,
+    Servo(Id, Stage),
+    /// Goals, up to this servo.
+    Goals(Id),
+}
+
+/// The bridge. See the [module](self). The time that it is told never runs backwards.
+pub struct Bridge {
+    receiver: TimedReceiver<Cm5, MAX_PACKET>,
+    pc: Pc,
+    bus: Bus,
+    roster: Roster,
+    /// Until it is over.
+    search: Option<Search>,
+    watch: Watch,
+    cycle: Cycle,
+    purpose: Option<Purpose>,
+    /// The exchange under way is sent again after a collision.
+    again: bool,
+    newcomers: u32,
+    without_room: u32,
+}
+
+impl Bridge {
+    /// Room for the longest packet to the PC.
+    pub const MAX_PACKET: usize = MAX_PACKET;
+
+    /// A bridge at boot, about to search the bus.
+    pub fn new(settings: BridgeSettings, now: Instant) -> Self {
+        Self {
+            receiver: TimedReceiver::new(),
+            pc: Pc::new(settings),
+            bus: Bus::new(),
+            roster: Roster::new(),
+            search: Some(Search::new(settings.search_retries, now)),
+            watch: Watch::new(settings.search_retries, now),
+            cycle: Cycle::new(),
+            purpose: None,
+            again: false,
+            newcomers: 0,
+            without_room: 0,
+        }
+    }
+
+    /// Everything counted so far, except for the servos.
+    pub fn counters(&self) -> BridgeCounters {
+        BridgeCounters {
+            reception: self.receiver.reception(),
+            pc: self.pc.counters,
+            bus: self.bus.counters(),
+            cycles: self.cycle.cycles,
+            newcomers: self.newcomers,
+            without_room: self.without_room,
+        }
+    }
+
+    /// The servos found so far, in the order of their IDs.
+    pub fn servos(&self) -> impl Iterator<Item = &Servo> {
+        self.roster.iter()
+    }
+
+    /// Whether the search at boot is still on.
+    pub fn is_searching(&self) -> bool {
+        self.search.is_some()
+    }
+
+    /// Whether the PC, once heard, is silent for too long.
+    pub fn pc_is_silent(&self) -> bool {
+        self.pc.is_silent()
+    }
+
+    /// Takes bytes of the PC, and gives up on those that have waited too long for the rest.
+    pub fn receive(&mut self, mut bytes: &[u8], now: Instant) {
+        while let Some(packet) = self.receiver.receive(&mut bytes, now) {
+            self.pc.respond(packet, &mut self.roster, now);
+        }
+    }
+
+    /// When [`receive`](Self::receive) has something to do even without bytes.
+    pub fn gives_up_at(&self) -> Option<Instant> {
+        self.receiver.gives_up_at()
+    }
+
+    /// Counts an error that the PC's line reported.
+    pub fn line_failed(&mut self) {
+        count(&mut self.pc.counters.line_errors, 1);
+    }
+
+    /// When there will be something to send to the PC; it may be now or past.
+    pub fn sends_at(&self) -> Instant {
+        self.pc.sends_at()
+    }
+
+    /// The next packet to the PC, written into `out`; `None` if there is nothing to say now. Call
+    /// it whenever the line is free. `out` holds at least [`Self::MAX_PACKET`] bytes.
+    pub fn transmit<'b>(&mut self, now: Instant, out: &'b mut [u8]) -> Option<&'b [u8]> {
+        self.pc.transmit(&mut self.roster, now, out)
+    }
+
+    /// Takes bytes that were heard on the bus: the echo of what was sent, and what followed.
+    pub fn bus_hears(&mut self, mut bytes: &[u8], now: Instant) {
+        while !bytes.is_empty() {
+            if let Some(outcome) = self.bus.receive(&mut bytes, now) {
+                self.conclude(outcome, now);
+            }
+        }
+    }
+
+    /// Counts an error that the bus's receiver or transmitter reported.
+    pub fn bus_failed(&mut self) {
+        self.bus.line_failed();
+    }
+
+    /// When [`bus_sends`](Self::bus_sends) has something to do although nothing was heard; asked
+    /// after that has answered `None`.
+    pub fn bus_acts_at(&self) -> Instant {
+        match (self.bus.waits_until(), &self.search) {
+            (Some(until), _) => until,
+            (None, Some(search)) => search.from(),
+            (None, None) if self.roster.is_full() => self.cycle.rests_until(),
+            (None, None) => self.cycle.rests_until().min(self.watch.due()),
+        }
+    }
+
+    /// The next packet for the bus, written into `out`; `None` while one waits for an answer, or
+    /// when there is nothing to do. Call it whenever something was heard, and at
+    /// [`bus_acts_at`](Self::bus_acts_at). `out` holds at least [`MAX_REQUEST`] bytes.
+    pub fn bus_sends<'b>(&mut self, now: Instant, out: &'b mut [u8]) -> Option<&'b [u8]> {
+        if let Some(outcome) = self.bus.expire(now) {
+            self.conclude(outcome, now);
+        }
+        if self.bus.waits_until().is_some() {
+            return None;
+        }
+        if let Some((id, purpose, patience)) = self.whom_to_ping(now) {
+            self.purpose = Some(purpose);
+            return self.bus.ask(Instruction::Ping.encode(id, out), (id, 0), patience, now);
+        }
+        if self.search.is_some() {
+            return None;
+        }
+        match self.cycle.next(&mut self.roster, &mut self.pc, now)? {
+            Job::Servo(id) => {
+                let servo = self.roster.get_mut(id)?;
+                self.purpose = Some(Purpose::Servo(id, servo.stage()));
+                let (packet, data, patience) = servo.request(out);
+                self.bus.ask(packet, (id, data), patience, now)
+            }
+            Job::Goals(block) => {
+                let (packet, last) = self.cycle.goals(block, &self.roster, out);
+                self.purpose = last.map(Purpose::Goals);
+                self.bus.tell(packet, now)
+            }
+        }
+    }
+
+    /// The PING that is due, if any: of the search, or of the watch for newcomers.
+    fn whom_to_ping(&mut self, now: Instant) -> Option<(Id, Purpose, Patience)> {
+        if let Some(search) = &self.search {
+            if now < search.from() {
+                return None;
+            }
+            if let Some(id) = search.next() {
+                return Some((id, Purpose::Search, Patience::Unknown));
+            }
+            self.search = None;
+            self.pc.tell_news(now);
+        }
+        if now < self.watch.due() || self.roster.is_full() {
+            return None;
+        }
+        let id = self.watch.next(|id| self.roster.knows(id))?;
+        Some((id, Purpose::Watch, Patience::Brief))
+    }
+
+    /// Does what the end of an exchange asks for.
+    fn conclude(&mut self, outcome: Outcome, now: Instant) {
+        let Some(purpose) = self.purpose.take() else { return };
+        // Nothing has moved on yet, so the same request comes again.
+        self.again = outcome == Outcome::Collided && !self.again;
+        if self.again {
+            return;
+        }
+        let answered = matches!(outcome, Outcome::Answered(_));
+        match purpose {
+            Purpose::Search => {
+                let found = self.search.as_mut().and_then(|s| s.conclude(answered, now));
+                if found.is_some_and(|id| !self.roster.add(id)) {
+                    count(&mut self.without_room, 1);
+                }
+            }
+            Purpose::Watch => {
+                let known = self.roster.len();
+                let found = self.watch.conclude(answered, known, now);
+                if found.is_some_and(|id| self.roster.add(id)) {
+                    count(&mut self.newcomers, 1);
+                    self.pc.tell_news(now);
+                }
+            }
+            Purpose::Servo(id, asked) => {
+                self.cycle.served(id);
+                let servo = self.roster.get_mut(id);
+                if servo.is_some_and(|servo| servo.conclude(asked, outcome, now)) {
+                    self.pc.tell_news(now);
+                }
+            }
+            Purpose::Goals(last) => self.cycle.served(last),
+        }
+    }
+}

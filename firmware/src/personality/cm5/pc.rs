@@ -1,0 +1,199 @@
+//! The PC's side: hello, answers and goals, reports, silence.
+//!
+//! A *hello* is said once a second for as long as there is *news* that the PC has not answered (the
+//! search is over, a servo is new, or one is back), and while the PC is silent, since a PC that
+//! starts again waits for one. A packet is a sign of life only if it was carried out.
+
+use embassy_time::{Duration, Instant};
+use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Packet, Refusal, Report};
+
+use super::exchange::count;
+use super::roster::Roster;
+use super::servo::{Servo, Standing};
+use crate::fmt::warning;
+use crate::settings::{BridgeSettings, OnSilence};
+
+/// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
+pub const HELLO_PERIOD: Duration = Duration::from_secs(1);
+
+/// What the PC's side has counted. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PcCounters {
+    /// Hellos sent.
+    pub hellos_sent: u32,
+    /// Answers to a hello, carried out.
+    pub answers: u32,
+    /// Packets of goals, carried out.
+    pub goals: u32,
+    /// Intact packets for another number of servos, or with values that cannot be. Nothing of them
+    /// was done.
+    pub refused: u32,
+    /// Reports sent.
+    pub reports_sent: u32,
+    /// Reports skipped because the line was busy for a whole cycle.
+    pub reports_skipped: u32,
+    /// How often the PC fell silent.
+    pub silences: u32,
+    /// Errors that the line itself reported.
+    pub line_errors: u32,
+}
+
+/// What the bridge owes its PC, and what it has heard of it.
+pub struct Pc {
+    settings: BridgeSettings,
+    /// There is something that the PC has not answered.
+    news: bool,
+    /// When the next hello is due, if there is news or silence.
+    hello_at: Instant,
+    said_hello: bool,
+    report_due: bool,
+    /// When the PC was last heard.
+    heard: Option<Instant>,
+    silent: bool,
+    pub(super) counters: PcCounters,
+}
+
+impl Pc {
+    pub fn new(settings: BridgeSettings) -> Self {
+        Self {
+            settings,
+            news: false,
+            hello_at: Instant::MAX,
+            said_hello: false,
+            report_due: false,
+            heard: None,
+            silent: false,
+            counters: PcCounters::default(),
+        }
+    }
+
+    /// Whether the PC was heard once and is silent for too long.
+    pub fn is_silent(&self) -> bool {
+        self.silent
+    }
+
+    /// The list of servos has changed, or one of them was away: a hello is due.
+    pub fn tell_news(&mut self, now: Instant) {
+        self.news = true;
+        self.hello_at = now;
+    }
+
+    /// A cycle is complete.
+    pub fn tell_report(&mut self) {
+        if self.report_due {
+            count(&mut self.counters.reports_skipped, 1);
+        }
+        self.report_due = true;
+    }
+
+    /// When there will be something to send; it may be now or past.
+    pub fn sends_at(&self) -> Instant {
+        match () {
+            () if self.report_due => Instant::MIN,
+            () if self.news || self.silent => self.hello_at,
+            () => Instant::MAX,
+        }
+    }
+
+    /// The next packet to send.
+    pub fn transmit<'b>(
+        &mut self,
+        roster: &mut Roster,
+        now: Instant,
+        out: &'b mut [u8],
+    ) -> Option<&'b [u8]> {
+        let packet = if (self.news || self.silent) && now >= self.hello_at {
+            self.hello_at = now + HELLO_PERIOD;
+            self.said_hello = true;
+            count(&mut self.counters.hellos_sent, 1);
+            hello(roster, out)
+        } else if self.report_due {
+            self.report_due = false;
+            count(&mut self.counters.reports_sent, 1);
+            let agreed = roster.iter().filter(|servo| servo.is_agreed());
+            Report::encode(agreed.map(Servo::feedback), out)
+        } else {
+            return None;
+        };
+        packet.ok().map(|packet| &*packet)
+    }
+
+    /// Does what an intact packet asks.
+    pub fn respond(&mut self, packet: &[u8], roster: &mut Roster, now: Instant) {
+        let Some(Packet { params }) = Packet::parse(packet) else { return };
+        if let Err(refusal) = self.carry_out(params, roster, now) {
+            count(&mut self.counters.refused, 1);
+            warning!("packet not carried out: {}", refusal);
+        } else {
+            self.heard = Some(now);
+            self.silent = false;
+        }
+    }
+
+    fn carry_out(
+        &mut self,
+        params: &[u8],
+        roster: &mut Roster,
+        now: Instant,
+    ) -> Result<(), Refusal> {
+        // Goals first: of the two, only an answer may write EEPROM.
+        if let Ok(goals) = Goals::parse(params, roster.agreed()) {
+            for (servo, goal) in roster.iter_mut().filter(|s| s.is_agreed()).zip(goals.iter()) {
+                servo.ordered = Some(goal);
+            }
+            count(&mut self.counters.goals, 1);
+            return Ok(());
+        }
+        if !self.said_hello {
+            return Err(Refusal::Length(params.len()));
+        }
+        let answer = Answer::parse(params, roster.told().count())?;
+        let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
+        for (place, servo) in told.enumerate() {
+            if let Some(limits) = answer.limits(place) {
+                servo.agree(answer.return_delay(), limits);
+            }
+        }
+        // A servo found since the hello still is news.
+        self.news = roster.told().count() < roster.len();
+        self.hello_at = self.hello_at.min(now + HELLO_PERIOD);
+        count(&mut self.counters.answers, 1);
+        Ok(())
+    }
+
+    /// Brings the newest goals into force, and does what silence asks for.
+    pub fn take_goals(&mut self, roster: &mut Roster, now: Instant) {
+        let timeout = Duration::from_millis(self.settings.pc_timeout_ms.into());
+        let silent = timeout.as_ticks() > 0 && self.heard.is_some_and(|at| now - at >= timeout);
+        let falls_silent = silent && !self.silent;
+        if falls_silent {
+            self.silent = true;
+            self.hello_at = now;
+            count(&mut self.counters.silences, 1);
+        }
+        for servo in roster.iter_mut() {
+            if let Some(mut goal) = servo.ordered.take() {
+                if !self.settings.pass_lock {
+                    goal.lock = 0;
+                }
+                servo.goal = Some(goal);
+            }
+            if falls_silent {
+                servo.rest(self.settings.on_silence == OnSilence::TorqueOff);
+            }
+        }
+    }
+}
+
+/// Lists all servos; from now on the PC has been told of them.
+fn hello<'b>(roster: &mut Roster, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+    let mut ids = heapless::Vec::<u8, MAX_SERVOS>::new();
+    for servo in roster.iter_mut() {
+        if servo.standing == Standing::Found {
+            servo.standing = Standing::Told;
+        }
+        ids.push(servo.id().number()).map_err(|_| EncodeError::TooLong)?;
+    }
+    Hello { ids: &ids }.encode(out)
+}

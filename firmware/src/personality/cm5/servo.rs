@@ -1,0 +1,310 @@
+//! One servo as the bridge knows it: whether the PC knows of it too, what is to be asked of it next,
+//! what it is to do, and what has been heard.
+//!
+//! A servo that the PC has given limits is *checked*: its return delay and limits (registers 5 to
+//! 9) are read, what differs is *written*, and it is checked again, until nothing differs. Then it
+//! is *at work*: read every cycle, and sent its goal. One that has not answered [`STRIKES`] times
+//! in a row is *missing*: it is left out of the cycle, and checked every [`PROBE_PERIOD`]. When it
+//! answers it may have lost its power, or be another one with the same ID; the check takes care of
+//! both.
+
+use embassy_time::{Duration, Instant};
+use protocol::cm5::{Feedback, Goal, Limits};
+use protocol::dynamixel::{EncodeError, Errors, Id, Instruction, Register};
+
+use super::exchange::{Answer, Outcome, Patience, count};
+
+/// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
+/// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in
+/// a row once in 400,000.
+pub const STRIKES: u8 = 8;
+/// A missing servo is asked this often. It costs 0.9 ms, so a hundred missing ones cost a fifth of
+/// the time at the most.
+pub const PROBE_PERIOD: Duration = Duration::from_millis(500);
+/// A servo is mute this long for every byte written to its EEPROM (facts: about 6 ms).
+const EEPROM_BYTE: Duration = Duration::from_millis(7);
+/// Writes before a servo counts as one that does not take them (it is locked, say): it is then only
+/// checked, since an EEPROM wears out.
+const WRITES: u8 = 6;
+
+/// Whether the PC knows of a servo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// Found; the next hello will tell.
+    Found,
+    /// The last hello has told.
+    Told,
+    /// The PC has answered with its limits: it is part of goals and reports.
+    Agreed,
+}
+
+/// What there is to be asked of a servo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Stage {
+    /// Its return delay and limits, to be compared with what the PC wants.
+    Check,
+    /// To take so many bytes of these, beginning with that register.
+    Write {
+        /// 5 to 9.
+        address: u8,
+        /// 1 to 4.
+        count: u8,
+    },
+    /// Its present state, every cycle.
+    Work,
+}
+
+/// Return delay and limits, as the registers 5 to 9 hold them.
+pub type Setup = [u8; 5];
+
+/// What was counted of one servo. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ServoCounters {
+    /// Intact answers.
+    pub replies: u32,
+    /// Requests that nothing came back to.
+    pub time_outs: u32,
+    /// Answers that came damaged.
+    pub checksum_errors: u32,
+    /// Answers with error bits, or without what was asked for.
+    pub error_replies: u32,
+    /// All error bits that were ever set.
+    pub errors_seen: Errors,
+    /// Time from the end of the last request to the end of its answer, in microseconds.
+    pub latency_us: u32,
+    /// The longest such time.
+    pub longest_latency_us: u32,
+    /// How often it came back after it had been missing.
+    pub returns: u32,
+    /// Bytes written to its EEPROM.
+    pub eeprom_bytes: u32,
+}
+
+/// A servo on the bus.
+pub struct Servo {
+    id: Id,
+    pub(super) standing: Standing,
+    /// What the PC wants of it, once agreed.
+    wanted: Setup,
+    stage: Stage,
+    /// Not before this time is it asked again.
+    from: Instant,
+    writes_left: u8,
+    strikes: u8,
+    /// The newest goal of the PC, for the next cycle.
+    pub(super) ordered: Option<Goal>,
+    /// The goal in force.
+    pub(super) goal: Option<Goal>,
+    feedback: Option<Feedback>,
+    counters: ServoCounters,
+}
+
+impl Servo {
+    pub(super) fn new(id: Id) -> Self {
+        Self {
+            id,
+            standing: Standing::Found,
+            wanted: [0; 5],
+            stage: Stage::Check,
+            from: Instant::MIN,
+            writes_left: 0,
+            strikes: 0,
+            ordered: None,
+            goal: None,
+            feedback: None,
+            counters: ServoCounters::default(),
+        }
+    }
+
+    /// Whom it takes itself for.
+    pub fn id(&self) -> Id {
+        self.id
+    }
+
+    /// Whether the PC has agreed on it.
+    pub fn is_agreed(&self) -> bool {
+        self.standing == Standing::Agreed
+    }
+
+    /// What is to be asked of it.
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Whether it has fallen silent.
+    pub fn is_missing(&self) -> bool {
+        self.strikes >= STRIKES
+    }
+
+    /// The goal in force; `None` before the first.
+    pub fn goal(&self) -> Option<Goal> {
+        self.goal
+    }
+
+    /// What it told when it was last asked; `None` if it did not answer.
+    pub fn feedback(&self) -> Option<Feedback> {
+        self.feedback
+    }
+
+    /// What was counted.
+    pub fn counters(&self) -> ServoCounters {
+        self.counters
+    }
+
+    /// The PC wants it so. Nothing happens if that is how it is already.
+    pub(super) fn agree(&mut self, return_delay: u8, limits: Limits) {
+        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
+        let wanted = [return_delay, cw_low, cw_high, ccw_low, ccw_high];
+        if self.is_agreed() && self.wanted == wanted && self.stage == Stage::Work {
+            return;
+        }
+        self.standing = Standing::Agreed;
+        self.wanted = wanted;
+        self.writes_left = WRITES;
+        self.stage = Stage::Check;
+        self.feedback = None;
+    }
+
+    /// The PC is silent: what turns endlessly stops, and with `torque_off` all torque goes.
+    pub(super) fn rest(&mut self, torque_off: bool) {
+        let endless = self.wanted.get(1..) == Some(&[0; 4]);
+        if let Some(goal) = &mut self.goal {
+            if torque_off {
+                goal.torque_enable = 0;
+            }
+            if endless {
+                goal.speed = 0;
+            }
+        }
+    }
+
+    /// Whether it is to be asked now.
+    pub(super) fn is_due(&self, now: Instant) -> bool {
+        self.is_agreed() && now >= self.from
+    }
+
+    /// Whether it may be sent its goal: not before its limits hold.
+    pub(super) fn is_driven(&self) -> bool {
+        self.is_agreed() && self.stage == Stage::Work && self.goal.is_some()
+    }
+
+    /// The request that is due, how many bytes answer it, and when they come.
+    pub(super) fn request<'b>(
+        &self,
+        out: &'b mut [u8],
+    ) -> (Result<&'b mut [u8], EncodeError>, usize, Patience) {
+        let (instruction, data, patience) = match self.stage {
+            Stage::Check => (
+                Instruction::Read { address: Register::RETURN_DELAY.address, count: 5 },
+                self.wanted.len(),
+                Patience::Unknown,
+            ),
+            Stage::Write { address, count } => (
+                Instruction::Write { address, data: self.part_of_wanted(address, count) },
+                0,
+                Patience::Unknown,
+            ),
+            Stage::Work => (
+                Instruction::Read { address: Register::PRESENT_POSITION.address, count: 8 },
+                Feedback::BYTES,
+                Patience::Known(self.wanted[0]),
+            ),
+        };
+        (instruction.encode(self.id, out), data, patience)
+    }
+
+    fn part_of_wanted(&self, address: u8, count: u8) -> &[u8] {
+        let begin = usize::from(address.saturating_sub(Register::RETURN_DELAY.address));
+        self.wanted.get(begin..begin + usize::from(count)).unwrap_or_default()
+    }
+
+    /// Takes what came of the request of stage `asked`. Answers whether the servo is back after it
+    /// was missing.
+    pub(super) fn conclude(&mut self, asked: Stage, outcome: Outcome, now: Instant) -> bool {
+        self.note(outcome);
+        match (asked, outcome) {
+            // Whether it was answered depends on the servo's status return level; the check that
+            // follows tells whether it was done.
+            (Stage::Write { count: bytes, .. }, _) => {
+                count(&mut self.counters.eeprom_bytes, bytes.into());
+                self.writes_left = self.writes_left.saturating_sub(1);
+                self.from = now + EEPROM_BYTE * bytes.into();
+                self.stage = Stage::Check;
+                false
+            }
+            // The PC has asked for another setup meanwhile, and this does not tell of it.
+            _ if asked != self.stage => false,
+            (stage, Outcome::Answered(answer)) => {
+                let returned = self.is_missing();
+                self.strikes = 0;
+                match stage {
+                    Stage::Work => self.feedback = Some(Feedback::parse(answer.data)),
+                    _ => self.compare(&answer, now),
+                }
+                if returned {
+                    count(&mut self.counters.returns, 1);
+                }
+                returned
+            }
+            _ => {
+                self.feedback = None;
+                self.strikes = self.strikes.saturating_add(1);
+                if self.is_missing() {
+                    self.stage = Stage::Check;
+                    self.writes_left = WRITES;
+                    self.from = now + PROBE_PERIOD;
+                }
+                false
+            }
+        }
+    }
+
+    fn note(&mut self, outcome: Outcome) {
+        let counters = &mut self.counters;
+        let errors = match outcome {
+            Outcome::Answered(answer) => {
+                counters.latency_us = answer.latency.as_micros() as u32; // 5 ms at the most
+                counters.longest_latency_us = counters.longest_latency_us.max(counters.latency_us);
+                count(&mut counters.replies, 1);
+                answer.errors
+            }
+            Outcome::Refused(errors) => {
+                count(&mut counters.replies, 1);
+                errors
+            }
+            Outcome::TimedOut => return count(&mut counters.time_outs, 1),
+            Outcome::Damaged => return count(&mut counters.checksum_errors, 1),
+            Outcome::Collided | Outcome::Sent => return, // the bus has counted it
+        };
+        counters.errors_seen |= errors;
+        if errors != Errors::NONE || matches!(outcome, Outcome::Refused(_)) {
+            count(&mut counters.error_replies, 1);
+        }
+    }
+
+    /// Compares what was read with what is wanted, and decides what comes next.
+    fn compare(&mut self, answer: &Answer, now: Instant) {
+        let differs = |at: usize| self.wanted.get(at) != answer.data.get(at);
+        let (cw, ccw) = (differs(1) || differs(2), differs(3) || differs(4));
+        let part = match (differs(0), cw, ccw) {
+            (true, ..) => Some((Register::RETURN_DELAY, 1)),
+            // Both at once: with one of them alone the servo might turn endlessly for a while.
+            (_, true, true) => Some((Register::CW_LIMIT, 4)),
+            (_, true, false) => Some((Register::CW_LIMIT, 2)),
+            (_, false, true) => Some((Register::CCW_LIMIT, 2)),
+            (_, false, false) => None,
+        };
+        self.stage = match part {
+            None => Stage::Work,
+            Some((Register { address, .. }, count)) if self.writes_left > 0 => {
+                Stage::Write { address, count }
+            }
+            Some(_) => {
+                self.from = now + PROBE_PERIOD;
+                Stage::Check
+            }
+        };
+    }
+}

@@ -1,0 +1,188 @@
+//! The CM-5 as a [`Machine`]: the bridge, and the simulated servos on its bus. Servos are named by
+//! the IDs they had in the beginning.
+
+use embassy_time::Instant;
+use firmware::personality::cm5::{BridgeCounters, Servo};
+use hal_mock::cm5_board::{Cm5Board, Make};
+use hal_mock::plant::Ax12;
+use hal_mock::servo_bus::{self, Faults};
+use hal_mock::wire::Line;
+use protocol::cm5::Receiver;
+use protocol::dynamixel::Register;
+use serde_json::{Map, Value, json};
+
+use crate::machine::{Follower, Machine};
+use crate::options::Options;
+use crate::servos;
+
+struct Cm5 {
+    board: Cm5Board,
+    faults: Faults,
+    /// The IDs in the beginning.
+    ids: Vec<u8>,
+}
+
+/// The CM-5 that the options ask for, or in one line what is wrong with them.
+pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
+    let ids = servos::ids(&options.servos)?;
+    let faults = servos::faults(&options.bus_faults)?;
+    let board = Cm5Board::new(Make {
+        servos: ids.iter().copied().map(Ax12::new).collect(),
+        bus: servo_bus::Make { faults, seed: options.seed, ..servo_bus::Make::default() },
+        line_rate: options.line_rate(),
+        ..Make::default()
+    });
+    Ok(Box::new(Cm5 { board, faults, ids }))
+}
+
+impl Machine for Cm5 {
+    fn name(&self) -> &'static str {
+        "CM-5"
+    }
+
+    fn line(&self) -> &Line {
+        &self.board.line
+    }
+
+    fn follower(&self) -> Box<dyn Follower> {
+        Box::new(Receiver::new())
+    }
+
+    fn run_until(&mut self, time: Instant) {
+        self.board.run_until(time);
+    }
+
+    fn status(&self) -> String {
+        let bridge = self.board.bridge();
+        let BridgeCounters { cycles, pc, .. } = bridge.counters();
+        let (answering, known) = (bridge.servos().filter(answers).count(), bridge.servos().count());
+        format!(
+            "servos={answering}/{known} cycles={cycles} goals={} reports={} refused={} positions={}{}",
+            pc.goals,
+            pc.reports_sent,
+            pc.refused,
+            servos::positions(self.board.bus.bus().servos()),
+            if bridge.pc_is_silent() { " PC-SILENT" } else { "" },
+        )
+    }
+
+    fn panel(&self) -> String {
+        let bridge = self.board.bridge();
+        let bus = self.board.bus.bus();
+        let lines = bus.servos().map(|(servo, plugged)| {
+            let known = bridge.servos().find(|known| known.id().number() == servo.id());
+            let role = match known {
+                None => "not found",
+                Some(known) if known.is_missing() => "missing",
+                Some(known) if !known.is_agreed() => "not agreed",
+                Some(_) => "at work",
+            };
+            format!("{}  {role}", servos::line(servo, plugged))
+        });
+        let BridgeCounters { cycles, pc, .. } = bridge.counters();
+        let mut lines: Vec<_> = lines.collect();
+        lines.push(format!(
+            "cycles {cycles}  hellos {}  goals {}  reports {}  refused {}{}",
+            pc.hellos_sent,
+            pc.goals,
+            pc.reports_sent,
+            pc.refused,
+            if bridge.pc_is_silent() { "  PC silent" } else { "" },
+        ));
+        lines.join("\n")
+    }
+
+    fn state(&self) -> Value {
+        let bridge = self.board.bridge();
+        let bus = self.board.bus.bus();
+        let servos = bus.servos().map(|(servo, plugged)| {
+            let registers = Register::ALL
+                .iter()
+                .map(|register| (register.name.to_lowercase(), json!(servo.get(*register))));
+            let mut state = servos::state(servo, plugged);
+            state["registers"] = Value::Object(registers.collect());
+            let known = bridge.servos().find(|known| known.id().number() == servo.id());
+            state["bridge"] = known.map_or(Value::Null, of_servo);
+            state
+        });
+        let servos: Vec<_> = servos.collect();
+        json!({
+            "t_ms": Instant::now().as_millis(),
+            "servos": servos,
+            "searching": bridge.is_searching(),
+            "pc_silent": bridge.pc_is_silent(),
+            "bridge": of_bridge(&bridge.counters()),
+        })
+    }
+
+    fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
+        let mut faults = self.faults;
+        let (mut unplug, mut replug) = (vec![], vec![]);
+        for (key, value) in changes {
+            match key.as_str() {
+                "unplug" => unplug = servos::named(&self.ids, key, value)?,
+                "replug" => replug = servos::named(&self.ids, key, value)?,
+                _ if servos::set_fault(&mut faults, key, value)? => {}
+                _ => return Err(format!("{key}: nothing of this name can be set")),
+            }
+        }
+        self.faults = faults;
+        let mut bus = self.board.bus.bus();
+        bus.set_faults(faults);
+        let chosen = |list: Vec<bool>| list.into_iter().enumerate().filter(|(_, named)| *named);
+        chosen(unplug).for_each(|(index, _)| bus.unplug(index));
+        chosen(replug).for_each(|(index, _)| bus.plug(index));
+        Ok(())
+    }
+}
+
+fn answers(servo: &&Servo) -> bool {
+    servo.feedback().is_some()
+}
+
+/// What the bridge knows of a servo.
+fn of_servo(servo: &Servo) -> Value {
+    let counters = servo.counters();
+    json!({
+        "agreed": servo.is_agreed(),
+        "missing": servo.is_missing(),
+        "stale": servo.feedback().is_none(),
+        "replies": counters.replies,
+        "time_outs": counters.time_outs,
+        "checksum_errors": counters.checksum_errors,
+        "error_replies": counters.error_replies,
+        "errors_seen": counters.errors_seen.to_string(),
+        "latency_us": counters.latency_us,
+        "longest_latency_us": counters.longest_latency_us,
+        "returns": counters.returns,
+        "eeprom_bytes": counters.eeprom_bytes,
+    })
+}
+
+fn of_bridge(counters: &BridgeCounters) -> Value {
+    let BridgeCounters { reception, pc, bus, cycles, newcomers, without_room } = counters;
+    json!({
+        "cycles": cycles,
+        "newcomers": newcomers,
+        "without_room": without_room,
+        "pc": {
+            "frames_ok": reception.frames_ok,
+            "bad_frames": reception.bad_frames,
+            "bytes_skipped": reception.bytes_skipped,
+            "hellos_sent": pc.hellos_sent,
+            "answers": pc.answers,
+            "goals": pc.goals,
+            "refused": pc.refused,
+            "reports_sent": pc.reports_sent,
+            "reports_skipped": pc.reports_skipped,
+            "silences": pc.silences,
+            "line_errors": pc.line_errors,
+        },
+        "bus": {
+            "requests": bus.requests,
+            "collisions": bus.collisions,
+            "stray_bytes": bus.stray_bytes,
+            "line_errors": bus.line_errors,
+        },
+    })
+}

@@ -1,0 +1,438 @@
+//! What the packets say, typed, both directions. The number of servos agreed on tells them apart,
+//! so whoever reads goals, an answer or a report says how many there are.
+
+use super::MAX_SERVOS;
+use super::packet::{EncodeError, PacketWriter};
+use crate::dynamixel::Register;
+
+/// Why a packet of the PC is not carried out. Nothing of it may be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// So many parameters are neither goals nor an answer for the servos there are.
+    Length(usize),
+    /// A return delay that the servo's register does not take.
+    ReturnDelay(u8),
+    /// Limits that are out of range, or the wrong way round.
+    Limits {
+        /// Clockwise.
+        cw: u16,
+        /// Counter-clockwise.
+        ccw: u16,
+    },
+}
+
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Length(len) => write!(f, "{len} parameters are for another number of servos"),
+            Self::ReturnDelay(delay) => write!(f, "no servo has a return delay of {delay}"),
+            Self::Limits { cw, ccw } => write!(f, "{cw} to {ccw} are no limits of a servo"),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// CM-5 to PC: which servos there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Hello<'a> {
+    /// Their IDs, up to [`MAX_SERVOS`].
+    pub ids: &'a [u8],
+}
+
+impl<'a> Hello<'a> {
+    /// Reads a packet's parameters; `None` if they are no hello.
+    pub fn parse(params: &'a [u8]) -> Option<Self> {
+        let (&count, ids) = params.split_first()?;
+        (usize::from(count) == ids.len()).then_some(Self { ids })
+    }
+
+    /// Writes a whole packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError`].
+    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let count = u8::try_from(self.ids.len()).map_err(|_| EncodeError::TooLong)?;
+        if self.ids.len() > MAX_SERVOS {
+            return Err(EncodeError::TooLong);
+        }
+        let mut packet = PacketWriter::new(out);
+        packet.append(&[count])?;
+        packet.append(self.ids)?;
+        packet.finish()
+    }
+}
+
+/// How far a servo may turn: 0 to 1023, CW not above CCW. Both 0: it turns endlessly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limits {
+    cw: u16,
+    ccw: u16,
+}
+
+impl Limits {
+    const BYTES: usize = 4;
+
+    /// Limits, if a servo can have them.
+    ///
+    /// # Errors
+    /// [`Refusal::Limits`].
+    pub fn new(cw: u16, ccw: u16) -> Result<Self, Refusal> {
+        let in_range = Register::CW_LIMIT.accepts(cw) && Register::CCW_LIMIT.accepts(ccw);
+        if in_range && cw <= ccw { Ok(Self { cw, ccw }) } else { Err(Refusal::Limits { cw, ccw }) }
+    }
+
+    fn parse([cw_low, cw_high, ccw_low, ccw_high]: [u8; Self::BYTES]) -> Result<Self, Refusal> {
+        Self::new(u16::from_le_bytes([cw_low, cw_high]), u16::from_le_bytes([ccw_low, ccw_high]))
+    }
+
+    /// As in the registers 6 to 9.
+    pub const fn bytes(self) -> [u8; Self::BYTES] {
+        let ([cw_low, cw_high], [ccw_low, ccw_high]) =
+            (self.cw.to_le_bytes(), self.ccw.to_le_bytes());
+        [cw_low, cw_high, ccw_low, ccw_high]
+    }
+
+    /// Whether a servo with these limits turns endlessly.
+    pub const fn endless(self) -> bool {
+        self.cw == 0 && self.ccw == 0
+    }
+}
+
+/// PC to CM-5: the answer to a hello.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Answer<'a> {
+    /// In 2 us, 0 to 254.
+    return_delay: u8,
+    /// Limits found to be good: of each servo, or one pair for all.
+    limits: &'a [u8],
+}
+
+impl<'a> Answer<'a> {
+    /// Reads a packet's parameters as the answer to a hello of `servos` servos.
+    ///
+    /// # Errors
+    /// [`Refusal`].
+    pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
+        let bad_length = Refusal::Length(params.len());
+        let (&return_delay, limits) = params.split_first().ok_or(bad_length)?;
+        let of_each = limits.len() == servos.saturating_mul(Limits::BYTES);
+        if !of_each && limits.len() != Limits::BYTES {
+            return Err(bad_length);
+        }
+        if !Register::RETURN_DELAY.accepts(return_delay.into()) {
+            return Err(Refusal::ReturnDelay(return_delay));
+        }
+        let (pairs, _) = limits.as_chunks();
+        pairs.iter().try_for_each(|pair| Limits::parse(*pair).map(drop))?;
+        Ok(Self { return_delay, limits })
+    }
+
+    /// Of all servos, in 2 us.
+    pub fn return_delay(&self) -> u8 {
+        self.return_delay
+    }
+
+    /// The limits of the servo at this place in the hello.
+    pub fn limits(&self, place: usize) -> Option<Limits> {
+        let (pairs, _) = self.limits.as_chunks();
+        let pair = if let [for_all] = pairs { Some(for_all) } else { pairs.get(place) };
+        Limits::parse(*pair?).ok()
+    }
+
+    /// Writes a whole packet into `out` and answers the part it took: with one pair of limits, it
+    /// is for all servos.
+    ///
+    /// # Errors
+    /// [`EncodeError`].
+    pub fn encode<'b>(
+        return_delay: u8,
+        limits: &[Limits],
+        out: &'b mut [u8],
+    ) -> Result<&'b mut [u8], EncodeError> {
+        if limits.len() > MAX_SERVOS {
+            return Err(EncodeError::TooLong);
+        }
+        let mut packet = PacketWriter::new(out);
+        packet.append(&[return_delay])?;
+        limits.iter().try_for_each(|limits| packet.append(&limits.bytes()))?;
+        packet.finish()
+    }
+}
+
+/// What one servo is to do: its writable registers. Values are as they came: a servo does nothing of
+/// a goal with a value that it does not take (a slope of 0, say), and cannot tell, since nobody
+/// answers a SYNC_WRITE.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Goal {
+    /// 1: the motor is driven.
+    pub torque_enable: u8,
+    /// 1: the LED is on.
+    pub led: u8,
+    /// Error in which the motor is left alone, CW and CCW, in positions.
+    pub margin: [u8; 2],
+    /// Error beyond the margin at which the torque is full, CW and CCW, in positions.
+    pub slope: [u8; 2],
+    /// 0 to 1023 over 300 degrees.
+    pub position: u16,
+    /// In 0.111 rpm, 0 to 1023; bit 10 is the direction if the servo turns endlessly.
+    pub speed: u16,
+    /// In 1/1023.
+    pub torque_limit: u16,
+    /// 1: until power-off only registers 24 to 35 can be written.
+    pub lock: u8,
+    /// Least drive of a moving motor, in 1/1023.
+    pub punch: u16,
+}
+
+impl Goal {
+    /// On the wire.
+    pub const BYTES: usize = 15;
+
+    /// Reads the bytes of one servo.
+    pub const fn parse(bytes: [u8; Self::BYTES]) -> Self {
+        let [torque_enable, led, m0, m1, s0, s1, p0, p1, v0, v1, t0, t1, lock, u0, u1] = bytes;
+        Self {
+            torque_enable,
+            led,
+            margin: [m0, m1],
+            slope: [s0, s1],
+            position: u16::from_le_bytes([p0, p1]),
+            speed: u16::from_le_bytes([v0, v1]),
+            torque_limit: u16::from_le_bytes([t0, t1]),
+            lock,
+            punch: u16::from_le_bytes([u0, u1]),
+        }
+    }
+
+    /// The registers 24 to 35.
+    pub const fn motion_registers(&self) -> [u8; 12] {
+        let [p0, p1] = self.position.to_le_bytes();
+        let [v0, v1] = self.speed.to_le_bytes();
+        let [t0, t1] = self.torque_limit.to_le_bytes();
+        let ([m0, m1], [s0, s1]) = (self.margin, self.slope);
+        [self.torque_enable, self.led, m0, m1, s0, s1, p0, p1, v0, v1, t0, t1]
+    }
+
+    /// The registers 47 to 49.
+    pub const fn lock_registers(&self) -> [u8; 3] {
+        let [low, high] = self.punch.to_le_bytes();
+        [self.lock, low, high]
+    }
+}
+
+/// PC to CM-5: what the servos are to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Goals<'a>(&'a [[u8; Goal::BYTES]]);
+
+impl<'a> Goals<'a> {
+    /// Reads a packet's parameters as goals for `servos` servos, at least one.
+    ///
+    /// # Errors
+    /// [`Refusal::Length`].
+    pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
+        match params.as_chunks() {
+            (goals, []) if goals.len() == servos && servos > 0 => Ok(Self(goals)),
+            _ => Err(Refusal::Length(params.len())),
+        }
+    }
+
+    /// One for each servo, in the order of the IDs.
+    pub fn iter(&self) -> impl Iterator<Item = Goal> + use<'a> {
+        self.0.iter().copied().map(Goal::parse)
+    }
+
+    /// Writes a whole packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError`].
+    pub fn encode<'b>(goals: &[Goal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let mut packet = PacketWriter::new(out);
+        for goal in goals {
+            packet.append(&goal.motion_registers())?;
+            packet.append(&goal.lock_registers())?;
+        }
+        packet.finish()
+    }
+}
+
+/// What one servo tells: the registers 36 to 43.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Feedback {
+    /// 0 to 1023 over 300 degrees.
+    pub position: u16,
+    /// In 0.111 rpm; bit 10: clockwise.
+    pub speed: u16,
+    /// In 1/1023; bit 10: clockwise.
+    pub load: u16,
+    /// In 0.1 V.
+    pub voltage: u8,
+    /// In degrees Celsius.
+    pub temperature: u8,
+}
+
+impl Feedback {
+    /// In the servo, and on the wire.
+    pub const BYTES: usize = 8;
+    /// In the place of a servo that did not answer. No servo is at 255 degrees and 25.5 V.
+    const STALE: [u8; Self::BYTES] = [0xFF; Self::BYTES];
+
+    /// Reads the registers.
+    pub const fn parse([p0, p1, v0, v1, l0, l1, voltage, temperature]: [u8; Self::BYTES]) -> Self {
+        Self {
+            position: u16::from_le_bytes([p0, p1]),
+            speed: u16::from_le_bytes([v0, v1]),
+            load: u16::from_le_bytes([l0, l1]),
+            voltage,
+            temperature,
+        }
+    }
+
+    const fn bytes(&self) -> [u8; Self::BYTES] {
+        let [p0, p1] = self.position.to_le_bytes();
+        let [v0, v1] = self.speed.to_le_bytes();
+        let [l0, l1] = self.load.to_le_bytes();
+        [p0, p1, v0, v1, l0, l1, self.voltage, self.temperature]
+    }
+}
+
+/// CM-5 to PC: what the servos tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Report<'a>(&'a [[u8; Feedback::BYTES]]);
+
+impl<'a> Report<'a> {
+    /// Reads a packet's parameters as a report of `servos` servos; `None` if they are none.
+    pub fn parse(params: &'a [u8], servos: usize) -> Option<Self> {
+        let (feedback, rest) = params.as_chunks();
+        (feedback.len() == servos && rest.is_empty()).then_some(Self(feedback))
+    }
+
+    /// One for each servo, in the order of the IDs; `None` for one that did not answer.
+    pub fn iter(&self) -> impl Iterator<Item = Option<Feedback>> + use<'a> {
+        let heard = |bytes| (bytes != Feedback::STALE).then(|| Feedback::parse(bytes));
+        self.0.iter().copied().map(heard)
+    }
+
+    /// Writes a whole packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError`].
+    pub fn encode(
+        feedback: impl IntoIterator<Item = Option<Feedback>>,
+        out: &mut [u8],
+    ) -> Result<&mut [u8], EncodeError> {
+        let mut packet = PacketWriter::new(out);
+        for servo in feedback {
+            packet.append(&servo.map_or(Feedback::STALE, |servo| servo.bytes()))?;
+        }
+        packet.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{MAX_PACKET, Packet};
+    use super::*;
+
+    fn params(packet: &[u8]) -> &[u8] {
+        Packet::parse(packet).unwrap().params
+    }
+
+    #[test]
+    fn a_hello_is_the_count_and_the_ids() {
+        let mut buffer = [0; MAX_PACKET];
+        let packet = Hello { ids: &[3, 7, 9] }.encode(&mut buffer).unwrap();
+        assert_eq!(packet, [0xFF, 0xFF, 0, 4, 3, 3, 7, 9, !26]);
+        assert_eq!(Hello::parse(params(packet)), Some(Hello { ids: &[3, 7, 9] }));
+        assert_eq!(Hello { ids: &[] }.encode(&mut buffer).unwrap(), [0xFF, 0xFF, 0, 1, 0, !1]);
+        for wrong in [&[][..], &[1], &[1, 2, 3]] {
+            assert_eq!(Hello::parse(wrong), None);
+        }
+        assert_eq!(Hello { ids: &[1; 101] }.encode(&mut buffer), Err(EncodeError::TooLong));
+    }
+
+    #[test]
+    fn an_answer_holds_limits_for_each_servo_or_one_pair_for_all() {
+        let (narrow, wide) = (Limits::new(0x0C8, 0x320).unwrap(), Limits::new(0, 1023).unwrap());
+        let mut buffer = [0; MAX_PACKET];
+        let packet = Answer::encode(1, &[narrow, wide], &mut buffer).unwrap();
+        assert_eq!(packet[..13], [0xFF, 0xFF, 0, 9, 1, 0xC8, 0x00, 0x20, 0x03, 0, 0, 0xFF, 0x03]);
+        let answer = Answer::parse(params(packet), 2).unwrap();
+        assert_eq!(answer.return_delay(), 1);
+        assert_eq!([0, 1, 2].map(|k| answer.limits(k)), [Some(narrow), Some(wide), None]);
+
+        let packet = Answer::encode(1, &[narrow], &mut buffer).unwrap();
+        let answer = Answer::parse(params(packet), 18).unwrap();
+        assert_eq!([0, 17].map(|k| answer.limits(k)), [Some(narrow); 2]);
+    }
+
+    #[test]
+    fn an_answer_with_anything_wrong_is_refused() {
+        let good = [1, 0, 0, 0xFF, 3, 0, 0, 0xFF, 3];
+        assert!(Answer::parse(&good, 2).is_ok());
+        for servos in [0, 1, 3] {
+            assert_eq!(Answer::parse(&good, servos), Err(Refusal::Length(9)));
+        }
+        assert_eq!(Answer::parse(&[], 2), Err(Refusal::Length(0)));
+        assert_eq!(Answer::parse(&good[..8], 2), Err(Refusal::Length(8)));
+        let with = |place: usize, value| {
+            let mut bytes = good;
+            bytes[place] = value;
+            Answer::parse(&bytes, 2).err()
+        };
+        assert_eq!(with(0, 255), Some(Refusal::ReturnDelay(255)));
+        assert_eq!(with(8, 4), Some(Refusal::Limits { cw: 0, ccw: 0x4FF }));
+        assert_eq!(with(2, 4), Some(Refusal::Limits { cw: 0x400, ccw: 0x3FF }));
+        assert_eq!(with(4, 0), None, "0 to 255");
+        assert_eq!(Limits::new(2, 1), Err(Refusal::Limits { cw: 2, ccw: 1 }));
+    }
+
+    #[test]
+    fn goals_are_15_bytes_a_servo_in_the_order_of_the_page() {
+        let goal = Goal {
+            torque_enable: 1,
+            led: 0,
+            margin: [2, 3],
+            slope: [32, 64],
+            position: 0x0200,
+            speed: 0x0155,
+            torque_limit: 0x03FF,
+            lock: 0,
+            punch: 0x0020,
+        };
+        let mut buffer = [0; MAX_PACKET];
+        let packet = Goals::encode(&[goal; 2], &mut buffer).unwrap();
+        let one = [1, 0, 2, 3, 32, 64, 0x00, 0x02, 0x55, 0x01, 0xFF, 0x03, 0, 0x20, 0x00];
+        assert_eq!((&packet[..4], &packet[4..19]), (&[0xFF, 0xFF, 0, 30][..], &one[..]));
+        let goals = Goals::parse(params(packet), 2).unwrap();
+        assert_eq!(goals.iter().collect::<Vec<_>>(), [goal; 2]);
+        assert_eq!((&goal.motion_registers()[..], &goal.lock_registers()[..]), one.split_at(12));
+        for servos in [0, 1, 3] {
+            assert_eq!(Goals::parse(params(packet), servos), Err(Refusal::Length(30)));
+        }
+        assert_eq!(Goals::parse(&[0; 29], 2), Err(Refusal::Length(29)));
+        assert_eq!(Goals::parse(&[], 0), Err(Refusal::Length(0)));
+    }
+
+    #[test]
+    fn a_report_is_8_registers_a_servo_and_ff_for_one_that_did_not_answer() {
+        let heard =
+            Feedback { position: 0x1FF, speed: 0x455, load: 2, voltage: 96, temperature: 41 };
+        let mut buffer = [0; MAX_PACKET];
+        let packet = Report::encode([Some(heard), None], &mut buffer).unwrap();
+        assert_eq!(packet[..12], [0xFF, 0xFF, 0, 16, 0xFF, 1, 0x55, 4, 2, 0, 96, 41]);
+        assert_eq!(packet[12..20], [0xFF; 8]);
+        let report = Report::parse(params(packet), 2).unwrap();
+        assert_eq!(report.iter().collect::<Vec<_>>(), [Some(heard), None]);
+        assert_eq!(Report::parse(params(packet), 3), None);
+        assert_eq!(Report::parse(&[0; 17], 2), None);
+    }
+}

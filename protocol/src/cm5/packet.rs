@@ -1,0 +1,162 @@
+//! The packet: `FF FF LenH LenL Param1..ParamN CHK`, where Len = N, high byte first, and CHK is
+//! the complement of the sum of all bytes from LenH on.
+
+use super::MAX_SERVOS;
+use super::message::Goal;
+use crate::deframe::{Deframer, Framing};
+
+/// What begins every packet.
+const START: [u8; 2] = [0xFF, 0xFF];
+/// Where the fields stand, in bytes from the start of the packet.
+const LEN: usize = 2;
+const PARAMS: usize = 4;
+
+/// Bytes of a packet that are not parameters: start 2, Len 2, CHK.
+pub const OVERHEAD: usize = 5;
+/// The longest packet: goals for [`MAX_SERVOS`]. Len could tell of 65,535 parameters.
+pub const MAX_PACKET: usize = OVERHEAD + Goal::BYTES * MAX_SERVOS;
+
+/// The receiver's view of the packet.
+pub enum Cm5 {}
+
+impl Framing for Cm5 {
+    const START: [u8; 2] = START;
+    const HEADER: usize = PARAMS;
+
+    fn length(header: &[u8]) -> Option<usize> {
+        let len = header.get(LEN..)?.first_chunk()?;
+        usize::from(u16::from_be_bytes(*len)).checked_add(OVERHEAD)
+    }
+
+    fn is_intact(candidate: &[u8]) -> bool {
+        candidate.strip_prefix(&START).is_some_and(|body| sum(body) == 0xFF)
+    }
+}
+
+/// Finds packets in a stream; nothing is longer than [`MAX_PACKET`].
+pub type Receiver = Deframer<Cm5, MAX_PACKET>;
+
+/// A packet's parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Packet<'a> {
+    /// Any number of bytes that fits [`MAX_PACKET`].
+    pub params: &'a [u8],
+}
+
+/// Why a packet could not be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EncodeError {
+    /// More than [`MAX_PACKET`] allows, or more servos than [`MAX_SERVOS`].
+    TooLong,
+    /// The buffer given is shorter than the packet.
+    BufferTooShort,
+}
+
+impl core::fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::TooLong => "more than 100 servos: use a bridge for each part of them",
+            Self::BufferTooShort => "the buffer is shorter than the packet",
+        })
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+impl<'a> Packet<'a> {
+    /// Takes an intact packet apart, as [`Receiver`] hands it out. `None` if it is too short to
+    /// be one; the checksum is the receiver's business.
+    pub fn parse(packet: &'a [u8]) -> Option<Self> {
+        let (_checksum, params) = packet.get(PARAMS..)?.split_last()?;
+        Some(Self { params })
+    }
+
+    /// Writes the packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError`].
+    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let mut writer = PacketWriter::new(out);
+        writer.append(self.params)?;
+        writer.finish()
+    }
+}
+
+/// A packet that is being written where it will be sent from.
+pub(super) struct PacketWriter<'b> {
+    out: &'b mut [u8],
+    params: usize,
+}
+
+impl<'b> PacketWriter<'b> {
+    /// Begins a packet without parameters.
+    pub(super) fn new(out: &'b mut [u8]) -> Self {
+        Self { out, params: 0 }
+    }
+
+    /// Appends parameters.
+    pub(super) fn append(&mut self, params: &[u8]) -> Result<(), EncodeError> {
+        let begin = self.params.saturating_add(PARAMS);
+        let end = begin.saturating_add(params.len());
+        if end >= MAX_PACKET {
+            return Err(EncodeError::TooLong);
+        }
+        let room = self.out.get_mut(begin..end).ok_or(EncodeError::BufferTooShort)?;
+        room.copy_from_slice(params);
+        self.params = self.params.saturating_add(params.len());
+        Ok(())
+    }
+
+    /// Writes start, Len and checksum, and answers the whole packet.
+    pub(super) fn finish(self) -> Result<&'b mut [u8], EncodeError> {
+        let total = self.params.saturating_add(OVERHEAD);
+        let packet = self.out.get_mut(..total).ok_or(EncodeError::BufferTooShort)?;
+        let len = u16::try_from(self.params).map_err(|_| EncodeError::TooLong)?;
+        let [high, low] = len.to_be_bytes();
+        if let Some(header) = packet.first_chunk_mut() {
+            *header = [START[0], START[1], high, low];
+        }
+        if let Some((checksum, before)) = packet.split_last_mut() {
+            *checksum = !sum(before.get(LEN..).unwrap_or_default());
+        }
+        Ok(packet)
+    }
+}
+
+/// The low byte of the sum.
+fn sum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |sum, &byte| sum.wrapping_add(byte))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_checksum_is_the_low_byte_of_the_complemented_sum() {
+        // NOT(0x00 + 0x03 + 0x02 + 0x01 + 0x02) = NOT 0x08.
+        let packet = Packet { params: &[2, 1, 2] };
+        let bytes = [0xFF, 0xFF, 0x00, 0x03, 0x02, 0x01, 0x02, 0xF7];
+        assert_eq!(packet.encode(&mut [0; 8]).unwrap(), bytes);
+        assert_eq!(Packet::parse(&bytes), Some(packet));
+
+        // Len counts in the sum, both bytes of it: NOT(0x01 + 0x02 + 258 * 0xFF).
+        let long = Packet { params: &[0xFF; 258] };
+        let mut buffer = [0; MAX_PACKET];
+        let bytes = long.encode(&mut buffer).unwrap();
+        assert_eq!((&bytes[..4], bytes[262]), (&[0xFF, 0xFF, 1, 2][..], 0xFE));
+        assert_eq!(Receiver::new().receive(&mut &*bytes), Some(&*bytes));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_an_error() {
+        let longest = Packet { params: &[0; MAX_PACKET - OVERHEAD] };
+        assert_eq!(longest.encode(&mut [0; MAX_PACKET]).unwrap().len(), MAX_PACKET);
+        assert_eq!(longest.encode(&mut [0; MAX_PACKET - 1]), Err(EncodeError::BufferTooShort));
+        let too_long = Packet { params: &[0; MAX_PACKET - OVERHEAD + 1] };
+        assert_eq!(too_long.encode(&mut [0; 2 * MAX_PACKET]), Err(EncodeError::TooLong));
+        assert_eq!(Packet { params: &[] }.encode(&mut [0; 4]), Err(EncodeError::BufferTooShort));
+    }
+}

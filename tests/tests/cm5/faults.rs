@@ -1,0 +1,221 @@
+//! Servos that go, come back, or are new, and noise on their bus.
+
+use hal_mock::cm5_board::Make;
+use hal_mock::servo_bus::Faults;
+
+use super::*;
+
+fn walker() -> Bench {
+    Bench::at_work(Make { servos: servos(1..=18), ..Make::default() })
+}
+
+#[test]
+fn a_servo_that_goes_in_mid_cycle_is_stale_at_once_and_the_others_are_not() {
+    let mut bench = walker();
+    bench.run_alive_ms(500, goal(512));
+    bench.said();
+    // A cycle takes 7.6 ms.
+    bench.board.run_for(Duration::from_micros(3210));
+    bench.board.bus.bus().unplug(9);
+    bench.run_ms(300);
+    let reports = bench.reports();
+    let stale_from = reports.iter().position(|report| report[9].is_none()).expect("stale");
+    assert!(stale_from <= 2, "from report {stale_from} on");
+    for report in &reports[stale_from..] {
+        assert!((0..18).all(|servo| report[servo].is_some() == (servo != 9)), "{report:?}");
+    }
+    assert!((0..18).filter(|k| *k != 9).all(|k| bench.counters(k).time_outs == 0));
+    let gone = bench.counters(9);
+    assert!((8..=9).contains(&gone.time_outs) && gone.checksum_errors == 0, "{gone:?}");
+    assert!(bench.board.bridge().servos().nth(9).unwrap().is_missing());
+}
+
+#[test]
+fn a_missing_servo_costs_less_than_half_a_millisecond_a_cycle_from_the_first_second_on() {
+    // What one servo takes: 244 us, and 170 us of the SYNC_WRITEs; with the watch's share, 0.43 ms.
+    for return_delay in [1, 254] {
+        let mut bench = walker();
+        bench.answer(return_delay, &[limits(0, 1023)]);
+        bench.run_ms(300);
+        bench.run_alive_ms(500, goal(512));
+        let delay_ms = 0.002 * f64::from(return_delay);
+        let one = (0.244 + 0.170 + delay_ms) * 1.04;
+        let before = 1000.0 / bench.rate(5000);
+        bench.board.bus.bus().unplug(9);
+        let first_second = 1000.0 / bench.rate(1000);
+        assert!(first_second < before - one + 0.5, "{first_second} after {before}");
+        let later = 1000.0 / bench.rate(5000);
+        assert!((later - (before - one)).abs() < 0.1, "{later} after {before}");
+    }
+}
+
+#[test]
+fn a_servo_that_is_back_takes_part_within_five_seconds_and_the_pc_hears_a_hello() {
+    let mut bench = walker();
+    bench.run_alive_ms(500, goal(600));
+    bench.board.bus.bus().unplug(4);
+    bench.run_alive_ms(3000, goal(600));
+    assert!(bench.hellos().is_empty(), "a servo that is gone is no news but stale");
+    // Meanwhile somebody has played with it.
+    bench.board.bus.bus().servo(4).set(Register::RETURN_DELAY, 250);
+    bench.board.bus.bus().servo(4).set(Register::CCW_LIMIT, 333);
+    bench.board.bus.bus().plug(4);
+    bench.run_alive_ms(700, goal(600));
+    assert_eq!((bench.setup(4), bench.goal_of(4)), ([1, 0, 1023], goal(600)));
+    assert_eq!(bench.counters(4).returns, 1);
+    let said = bench.said();
+    let hello: Vec<u8> = (1..=18).collect();
+    assert!(said.iter().any(|(_, said)| *said == Said::Hello(hello.clone())));
+    let Some((_, Said::Report(last))) = said.last() else { panic!("no report") };
+    assert!(last.iter().all(Option::is_some));
+
+    // Said until answered; goals go on meanwhile.
+    bench.run_alive_ms(3000, goal(600));
+    assert_eq!(bench.hellos().len(), 3);
+    bench.answer(1, &[limits(0, 1023)]);
+    bench.run_alive_ms(3000, goal(600));
+    assert!(bench.hellos().is_empty());
+}
+
+#[test]
+fn with_all_servos_gone_the_pc_still_hears_and_all_come_back() {
+    let mut bench = walker();
+    bench.run_alive_ms(500, goal(600));
+    (0..18).for_each(|servo| bench.board.bus.bus().unplug(servo));
+    bench.run_alive_ms(1000, goal(600));
+    bench.said();
+    bench.run_alive_ms(1000, goal(600));
+    let reports = bench.reports();
+    assert!(reports.len() > 50 && reports.iter().flatten().all(Option::is_none));
+    (0..18).for_each(|servo| bench.board.bus.bus().plug(servo));
+    bench.run_alive_ms(1000, goal(600));
+    assert!((0..18).all(|servo| bench.goal_of(servo) == goal(600)));
+    assert!(bench.reports().last().unwrap().iter().all(Option::is_some));
+    assert!((0..18).all(|servo| bench.counters(servo).returns == 1));
+}
+
+#[test]
+fn a_new_servo_is_told_of_within_five_seconds_and_joins_when_the_pc_answers() {
+    // The worst ID: the watch has just passed it.
+    for id in [1, 7, 20, 253] {
+        let mut all = servos([2, 3, 4]);
+        all.push(Ax12::new(id));
+        let mut bench = Bench::with(Make { servos: all, ..Make::default() });
+        bench.board.bus.bus().unplug(3);
+        bench.run_ms(1500);
+        bench.answer(1, &[limits(0, 1023)]);
+        bench.agreed = 3;
+        bench.run_alive_ms(1000, goal(400));
+        assert_eq!(bench.hellos().len(), 1);
+
+        bench.board.bus.bus().plug(3);
+        bench.run_alive_ms(5000, goal(400));
+        let mut ids = vec![2, 3, 4, id];
+        ids.sort();
+        let hellos = bench.hellos();
+        assert!(!hellos.is_empty() && hellos.iter().all(|(_, hello)| *hello == ids), "{id}");
+        assert_eq!(bench.board.bridge().counters().newcomers, 1);
+        // The others have gone on, and it has not been touched.
+        assert_eq!((bench.goal_of(0), bench.goal_of(3).torque_enable), (goal(400), 0));
+        assert_eq!(bench.setup(3), [250, 0, 1023]);
+
+        bench.answer(1, &[limits(100, 900)]);
+        bench.agreed = 4;
+        bench.run_ms(60);
+        bench.board.line.host_receives();
+        while bench.board.line.host_receives().is_some() {}
+        bench.send_goal(goal(500));
+        bench.run_ms(20);
+        assert_eq!((bench.goal_of(0), bench.goal_of(3)), (goal(500), goal(500)));
+        assert_eq!(bench.setup(3), [1, 100, 900]);
+        assert!(bench.reports().last().unwrap().iter().all(Option::is_some));
+    }
+}
+
+#[test]
+fn a_late_answer_to_an_older_hello_is_refused() {
+    let mut bench = Bench::with(Make { servos: servos([2, 3]), ..Make::default() });
+    bench.board.bus.bus().unplug(1);
+    bench.run_ms(1000);
+    assert_eq!(bench.hellos()[0].1, [2]);
+    bench.board.bus.bus().plug(1);
+    bench.run_ms(5000);
+    assert_eq!(bench.hellos().last().unwrap().1, [2, 3]);
+    // For one servo this is the short form for all, too; for three it is for none.
+    bench.answer(1, &[limits(0, 1023); 3]);
+    bench.run_ms(50);
+    assert_eq!(bench.board.bridge().counters().pc.refused, 1);
+    assert_eq!(bench.setup(0), [250, 0, 1023]);
+    bench.answer(1, &[limits(0, 1023); 2]);
+    bench.run_ms(50);
+    assert_eq!([bench.setup(0), bench.setup(1)], [[1, 0, 1023]; 2]);
+}
+
+#[test]
+fn a_board_without_servos_waits_for_the_first() {
+    let mut bench = Bench::with(Make { servos: servos([9]), ..Make::default() });
+    bench.board.bus.bus().unplug(0);
+    bench.run_ms(1000);
+    bench.send(&[1]); // the answer for no servo
+    bench.run_ms(3000);
+    assert_eq!(bench.board.bridge().counters().pc.answers, 1);
+    bench.hellos();
+    bench.board.bus.bus().plug(0);
+    bench.run_ms(5000);
+    assert!(bench.hellos().iter().any(|(_, ids)| *ids == [9]));
+}
+
+#[test]
+fn noise_costs_single_answers_and_neither_servos_nor_hellos() {
+    for seed in 1..=3 {
+        let make = hal_mock::servo_bus::Make { seed, ..Default::default() };
+        let mut bench =
+            Bench::at_work(Make { servos: servos(1..=18), bus: make, ..Make::default() });
+        let faults = Faults { dropped_ppm: 500, flipped_ppm: 500, stalled_ppm: 5000 };
+        bench.board.bus.bus().set_faults(faults);
+        bench.run_alive_ms(20_000, goal(512));
+        let said = bench.said();
+        let (mut heard, mut stale) = (0, 0);
+        for (_, said) in said {
+            let Said::Report(report) = said else { panic!("a hello without news") };
+            heard += report.iter().flatten().count();
+            stale += report.iter().filter(|servo| servo.is_none()).count();
+        }
+        // Of the 22 bytes of an exchange one is damaged in 2.2 % of them.
+        let share = stale as f64 / (heard + stale) as f64;
+        assert!((0.015..0.035).contains(&share), "{share}");
+        let counters = bench.board.bridge().counters();
+        assert_eq!((counters.newcomers, bench.board.bridge().servos().count()), (0, 18));
+        let of_all = |count: fn(ServoCounters) -> u32| {
+            (0..18).map(|k| count(bench.counters(k))).sum::<u32>()
+        };
+        assert!(of_all(|c| c.checksum_errors) > 100 && of_all(|c| c.time_outs) > 100);
+        // 46,000 instructions; one flipped in its code, parameters or checksum is answered: 92.
+        assert!((50..140).contains(&of_all(|c| c.error_replies)));
+        assert_eq!(of_all(|c| c.returns), 0);
+    }
+}
+
+#[test]
+fn a_servo_in_trouble_is_heard_and_its_error_bits_are_kept() {
+    let mut bench = walker();
+    bench.board.bus.bus().servo(2).surroundings.supply_dv = 40;
+    bench.run_alive_ms(200, goal(512));
+    let counters = bench.counters(2);
+    assert_eq!(counters.errors_seen, protocol::dynamixel::Errors::VOLTAGE);
+    assert!(counters.error_replies > 10 && bench.counters(1).error_replies == 0);
+    assert!(bench.reports().last().unwrap()[2].is_some());
+    // 22 us, 2 us of return delay, 14 bytes.
+    assert_eq!((counters.latency_us, bench.counters(1).latency_us), (164, 164));
+}
+
+#[test]
+fn stalls_of_150_us_within_an_answer_are_borne() {
+    let mut bench = walker();
+    let faults = Faults { stalled_ppm: 1_000_000, ..Faults::default() };
+    bench.board.bus.bus().set_faults(faults);
+    bench.run_alive_ms(2000, goal(512));
+    let counters: Vec<_> = (0..18).map(|servo| bench.counters(servo)).collect();
+    assert!(counters.iter().all(|c| c.replies > 50 && c.time_outs + c.checksum_errors == 0));
+    assert!(counters.iter().all(|c| (1000..2400).contains(&c.longest_latency_us)));
+}

@@ -1,0 +1,190 @@
+//! The loop of work: goals reach the servos, reports the PC, and silence is noticed.
+
+use firmware::settings::{BridgeSettings, OnSilence};
+use hal_mock::cm5_board::Make;
+
+use super::*;
+
+fn three() -> Bench {
+    Bench::at_work(Make { servos: servos([1, 2, 3]), ..Make::default() })
+}
+
+#[test]
+fn no_goal_is_sent_before_the_first_of_the_pc() {
+    let mut bench = three();
+    let untouched: Vec<_> = (0..3).map(|servo| bench.goal_of(servo)).collect();
+    bench.board.bus.bus().servo(0).set(Register::GOAL_POSITION, 77);
+    bench.run_ms(500);
+    assert_eq!(bench.goal_of(0).position, 77, "nothing overwrites it");
+    assert_eq!(bench.goal_of(1), untouched[1]);
+    assert_eq!(bench.goal_of(0).torque_enable, 0);
+}
+
+#[test]
+fn every_register_of_a_goal_reaches_its_servo_within_two_cycles_and_again_in_each() {
+    let mut bench = three();
+    let goals = [100u16, 500, 900].map(|position| Goal {
+        torque_enable: 1,
+        led: 1,
+        margin: [2, 3],
+        slope: [40, 50],
+        position,
+        speed: position / 2,
+        torque_limit: 1000 - position / 10,
+        lock: 0,
+        punch: 33,
+    });
+    bench.send_goals(&goals);
+    // 50 bytes take 0.5 ms, a cycle of three servos 1.4 ms, and a PING of the watch 0.7 ms.
+    bench.run_ms(5);
+    for (servo, goal) in goals.into_iter().enumerate() {
+        assert_eq!(bench.goal_of(servo), goal);
+    }
+    // "Having these being updated or not": a servo that forgets is told again.
+    bench.board.bus.bus().servo(1).set(Register::GOAL_POSITION, 1);
+    bench.board.bus.bus().servo(1).set(Register::PUNCH, 1);
+    bench.run_ms(4);
+    assert_eq!(bench.goal_of(1), goals[1]);
+}
+
+#[test]
+fn forty_servos_get_their_goals_in_several_packets() {
+    let mut bench = Bench::at_work(Make { servos: servos(1..=40), ..Make::default() });
+    let goals: Vec<_> = (0..40).map(|k| goal(20 * k)).collect();
+    bench.send_goals(&goals);
+    bench.run_ms(50);
+    for (servo, goal) in goals.into_iter().enumerate() {
+        assert_eq!(bench.goal_of(servo), goal, "servo {servo}");
+    }
+}
+
+#[test]
+fn goals_for_another_number_of_servos_change_nothing_and_are_counted() {
+    let mut bench = three();
+    bench.send_goal(goal(300));
+    bench.run_ms(10);
+    for count in [0, 1, 2, 4, 18] {
+        bench.send_goals(&vec![goal(700); count]);
+    }
+    bench.send(&[1; 44]);
+    bench.run_ms(100);
+    let counters = bench.board.bridge().counters().pc;
+    assert_eq!((counters.goals, counters.refused), (1, 6));
+    assert!((0..3).all(|servo| bench.goal_of(servo) == goal(300)));
+}
+
+#[test]
+fn a_report_a_cycle_tells_the_registers_36_to_43_of_each_servo() {
+    let mut bench = three();
+    bench.board.bus.bus().servo(1).surroundings.temperature_c = 44;
+    bench.board.bus.bus().servo(1).surroundings.supply_dv = 111;
+    bench.run_alive_ms(2500, goal(700));
+    bench.said();
+    let before = bench.board.bridge().counters();
+    bench.run_ms(500);
+    let after = bench.board.bridge().counters();
+    let cycles = after.cycles - before.cycles;
+    let reports = bench.reports();
+    assert!((cycles - 1..=cycles + 1).contains(&(reports.len() as u32)), "{cycles}");
+    let feedback = reports.last().unwrap()[1].unwrap();
+    assert_eq!((feedback.temperature, feedback.voltage), (44, 111));
+    let position = bench.register(1, Register::PRESENT_POSITION);
+    assert_eq!(feedback.position, position);
+    assert!((698..=702).contains(&position), "it has arrived at {position}");
+    assert_eq!(after.pc.reports_skipped, before.pc.reports_skipped);
+}
+
+#[test]
+fn a_slow_line_costs_reports_and_not_a_cycle() {
+    let make = |line_rate| Make { servos: servos(1..=18), line_rate, ..Make::default() };
+    let fast = Bench::at_work(make(1_000_000)).rate(5000);
+    let mut bench = Bench::at_work(make(57_600));
+    let slow = bench.rate(5000);
+    assert!((slow / fast - 1.0).abs() < 0.01, "{slow} {fast}");
+    // 149 bytes take 25.87 ms: 193 of them in 5 s.
+    let reports = bench.reports().len();
+    assert!((191..=194).contains(&reports), "{reports}");
+    assert!(bench.board.bridge().counters().pc.reports_skipped > 400);
+}
+
+#[test]
+fn lock_is_passed_on_only_if_a_setting_says_so() {
+    for pass_lock in [false, true] {
+        let settings = BridgeSettings { pass_lock, ..BridgeSettings::DEFAULT };
+        let mut bench = Bench::at_work(Make { servos: servos([1]), settings, ..Make::default() });
+        bench.send_goal(Goal { lock: 1, ..goal(512) });
+        bench.run_ms(20);
+        assert_eq!(bench.register(0, Register::LOCK), u16::from(pass_lock));
+    }
+}
+
+#[test]
+fn when_the_pc_is_silent_goals_and_torque_stay_and_hellos_are_said_until_it_is_back() {
+    let mut bench = three();
+    bench.send_goal(Goal { speed: 20, ..goal(900) });
+    bench.run_ms(990);
+    assert!(!bench.board.bridge().pc_is_silent() && bench.hellos().is_empty());
+    bench.run_ms(20);
+    assert!(bench.board.bridge().pc_is_silent());
+    bench.run_ms(2000);
+    assert_eq!(bench.goal_of(1), Goal { speed: 20, ..goal(900) });
+    let hellos = bench.hellos();
+    assert_eq!(hellos.len(), 3, "at 1.0, 2.0 and 3.0 s");
+    assert_eq!(hellos[0].1, [1, 2, 3]);
+    assert_eq!(bench.board.bridge().counters().pc.silences, 1);
+    // A servo that loses its goal is still told what it was.
+    bench.board.bus.bus().servo(1).set(Register::TORQUE_ENABLE, 0);
+    bench.run_ms(5);
+    assert_eq!(bench.goal_of(1).torque_enable, 1);
+
+    bench.send_goal(goal(100));
+    bench.run_ms(10);
+    assert!(!bench.board.bridge().pc_is_silent());
+    assert_eq!(bench.goal_of(1), goal(100));
+    bench.hellos();
+    bench.run_alive_ms(2500, goal(100));
+    assert!(bench.hellos().is_empty());
+}
+
+#[test]
+fn what_turns_endlessly_is_stopped_when_the_pc_is_silent() {
+    let mut bench = Bench::new(servos([1, 2]));
+    bench.run_ms(1000);
+    bench.answer(1, &[limits(0, 0), limits(0, 1023)]);
+    bench.agreed = 2;
+    bench.run_ms(200);
+    bench.run_alive_ms(500, goal(512));
+    assert_eq!(bench.goal_of(0).speed, 200);
+    bench.run_ms(940);
+    assert_eq!(bench.goal_of(0).speed, 200);
+    bench.run_ms(30);
+    assert_eq!((bench.goal_of(0).speed, bench.goal_of(0).torque_enable), (0, 1));
+    assert_eq!(bench.goal_of(1), goal(512));
+}
+
+#[test]
+fn a_setting_switches_the_torque_off_when_the_pc_is_silent() {
+    let settings = BridgeSettings {
+        pc_timeout_ms: 300,
+        on_silence: OnSilence::TorqueOff,
+        ..BridgeSettings::DEFAULT
+    };
+    let mut bench = Bench::at_work(Make { servos: servos([1, 2]), settings, ..Make::default() });
+    bench.send_goal(goal(512));
+    bench.run_ms(280);
+    assert_eq!(bench.goal_of(0), goal(512));
+    bench.run_ms(30);
+    assert!((0..2).all(|servo| bench.goal_of(servo) == Goal { torque_enable: 0, ..goal(512) }));
+    bench.send_goal(goal(300));
+    bench.run_ms(10);
+    assert_eq!(bench.goal_of(0), goal(300));
+}
+
+#[test]
+fn a_timeout_of_zero_is_never() {
+    let settings = BridgeSettings { pc_timeout_ms: 0, ..BridgeSettings::DEFAULT };
+    let mut bench = Bench::at_work(Make { servos: servos([1]), settings, ..Make::default() });
+    bench.send_goal(goal(512));
+    bench.run_ms(100_000);
+    assert!(!bench.board.bridge().pc_is_silent() && bench.hellos().is_empty());
+}
