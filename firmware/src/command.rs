@@ -7,7 +7,7 @@ use protocol::pms5005::{
 use crate::control::axis::AxisRefusal;
 use crate::control::pid::HostGains;
 use crate::control::potentiometer;
-use crate::settings::KiReading;
+use crate::settings::{ControlSettings, KiReading};
 
 /// Channels 0 and 1 have encoders.
 pub const ENCODERS: usize = 2;
@@ -52,6 +52,7 @@ pub enum Command {
 pub struct Configuration {
     pub(crate) channels: [ChannelConfiguration; CHANNELS],
     pub(crate) collision_protection: Option<bool>,
+    pub(crate) settings: Option<ControlSettings>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,6 +86,11 @@ impl GainChanges {
 }
 
 impl Configuration {
+    /// Nothing but these settings.
+    pub fn of_settings(settings: ControlSettings) -> Self {
+        Self { settings: Some(settings), ..Self::default() }
+    }
+
     /// Adds one parameter.
     ///
     /// # Errors

@@ -65,6 +65,9 @@ pub struct Snapshot {
     pub obstacle: bool,
     /// Counters.
     pub counters: ControlCounters,
+    /// The longest time so far, in microseconds, from the tick that begins a control period until
+    /// its outputs stood. The controller has no clock: whoever runs it fills this in.
+    pub worst_latency_us: u16,
 }
 
 impl Snapshot {
@@ -84,6 +87,7 @@ impl Snapshot {
         link_loss: false,
         obstacle: false,
         counters: ControlCounters { periods: 0, refused: 0, links_lost: 0 },
+        worst_latency_us: 0,
     };
 }
 
@@ -127,7 +131,7 @@ impl Controller {
     pub fn new(settings: ControlSettings) -> Self {
         let mut axes: [Axis; CHANNELS] = array::from_fn(|_| Axis::new());
         for axis in &mut axes {
-            axis.set_full_speed(settings.full_speed_potentiometer);
+            axis.set_full_speed(settings.full_speed(axis.sensor()));
         }
         Self {
             settings,
@@ -184,6 +188,7 @@ impl Controller {
             link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
             obstacle: self.guard.is_blocking(),
             counters: self.counters,
+            worst_latency_us: 0,
         }
     }
 
@@ -302,6 +307,12 @@ impl Controller {
     }
 
     fn configure(&mut self, configuration: &Configuration, motion: &MotionInputs) {
+        if let Some(settings) = configuration.settings {
+            self.settings = settings;
+            for axis in &mut self.axes {
+                axis.set_full_speed(settings.full_speed(axis.sensor()));
+            }
+        }
         for (channel, changes) in Channel::ALL.into_iter().zip(&configuration.channels) {
             if let Some(sensor) = changes.sensor {
                 self.set_sensor(channel, sensor, true, motion);
@@ -346,10 +357,7 @@ impl Controller {
         }
         let reading = self.reading_by(channel, sensor);
         self.axes[i].set_sensor(sensor, chosen, reading);
-        self.axes[i].set_full_speed(match sensor {
-            Sensor::Encoder => self.settings.full_speed_encoder,
-            _ => self.settings.full_speed_potentiometer,
-        });
+        self.axes[i].set_full_speed(self.settings.full_speed(sensor));
     }
 }
 

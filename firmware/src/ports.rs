@@ -2,7 +2,8 @@
 //! their clock, in nothing else.
 //!
 //! The host link needs no trait of ours: it is `embedded_io_async`'s `Read` and `Write`, where
-//! one `write` call is one frame.
+//! one `write` call is one frame. Nor does the flash: it is `embedded_storage`'s
+//! `NorFlash`, which blocks.
 
 use protocol::pms5005::CHANNELS;
 
@@ -85,6 +86,13 @@ pub struct Outputs {
     pub gpio: u8,
 }
 
+impl Outputs {
+    /// Whether nothing is driven: every bridge disabled, every servo without pulses.
+    pub fn are_off(&self) -> bool {
+        self.motors.iter().all(|motor| !motor.enabled) && self.servos.iter().all(Option::is_none)
+    }
+}
+
 /// The bank of motion hardware: one call each way a control period, so that a period is one
 /// coherent picture.
 pub trait MotionPort {
@@ -107,4 +115,25 @@ pub trait LcdPort {
     /// Shows frame `number` (0 to 15: even left, odd right, from the top): 64 columns of 8
     /// pixels, the least significant bit on top. A display that fails keeps its old picture.
     async fn show(&mut self, number: u8, columns: &[u8; 64]);
+}
+
+/// What the processor can start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Program {
+    /// This firmware, from its beginning.
+    Firmware,
+    /// The ROM's loader for new firmware over USB.
+    DfuLoader,
+}
+
+/// The processor and its watchdog.
+pub trait SystemPort {
+    /// Feeds the watchdog before something that takes long; see
+    /// [`WATCHDOG_PERIOD`](crate::app::WATCHDOG_PERIOD).
+    fn feed_watchdog(&mut self);
+    /// Whether this program can be started.
+    fn can_start(&self, program: Program) -> bool;
+    /// Starts it. On hardware this does not return.
+    fn start(&mut self, program: Program);
 }

@@ -15,13 +15,22 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use embassy_futures::join::join;
+use embassy_futures::select::{Either, select};
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant};
+use firmware::app;
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Session;
-use firmware::personality::pms5005::Pms5005;
+use firmware::personality::pms5005::{Boot, Pms5005};
+use firmware::ports::{Outputs, Program, SystemPort};
 use firmware::settings::Settings;
+use firmware::settings::store::Store;
+use protocol::pms5005::extension::{Origin, ResetCause};
 
 use crate::clock;
+use crate::flash::{self, Flash};
 use crate::plant::{Plant, Scene};
 use crate::running::Running;
 use crate::tasks::{self, Channels};
@@ -32,7 +41,7 @@ use crate::wire::Line;
 pub struct Make {
     /// The world around it.
     pub scene: Scene,
-    /// The firmware's settings.
+    /// The firmware's settings while none are saved.
     pub settings: Settings,
     /// The line's speed in baud; 0 takes no time.
     pub line_rate: u32,
@@ -50,17 +59,29 @@ impl Default for Make {
 /// making another sets the thread's clock back to zero.
 pub struct VirtualBoard<S: Session = Pms5005> {
     running: Running,
-    channels: Rc<Channels<S::Counters>>,
+    /// Those since the last start.
+    channels: Rc<RefCell<Rc<Channels<S::Counters>>>>,
+    restart: Rc<Restart>,
     /// The world around the board.
     pub plant: Rc<RefCell<Plant>>,
     /// The line to the host.
     pub line: Line,
+    /// Where settings survive.
+    pub flash: Flash,
 }
 
+/// Why the firmware is to start again.
+type Restart = Signal<NoopRawMutex, ResetCause>;
+
 impl VirtualBoard {
-    /// A PMS5005 that has just been switched on.
+    /// A PMS5005 that has just been switched on for the first time.
     pub fn new(make: Make) -> Self {
-        Self::with_session(make, |now| Pms5005::new(make.settings.link, now))
+        Self::with_flash(make, Flash::empty())
+    }
+
+    /// A PMS5005 that has just been switched on, with what this flash holds.
+    pub fn with_flash(make: Make, flash: Flash) -> Self {
+        Self::assembled(make, flash, Pms5005::new)
     }
 
     /// Frames and commands refused so far: by the session for what they say, by the controller for
@@ -71,23 +92,61 @@ impl VirtualBoard {
 }
 
 impl<S: Session + 'static> VirtualBoard<S> {
-    /// A board that has just been switched on, with a session made for that time.
-    pub fn with_session(make: Make, session: impl FnOnce(Instant) -> S) -> Self {
+    /// A board that has just been switched on, with a session made for the time of each start.
+    pub fn with_session(make: Make, mut session: impl FnMut(Instant) -> S + 'static) -> Self {
+        Self::assembled(make, Flash::empty(), move |_, _, now| session(now))
+    }
+
+    fn assembled(
+        make: Make,
+        flash: Flash,
+        mut session: impl FnMut(Settings, Boot, Instant) -> S + 'static,
+    ) -> Self {
         clock::reset();
         let plant = Rc::new(RefCell::new(Plant::new(make.scene, make.seed)));
         let line = Line::new(make.line_rate);
-        let channels = Rc::new(Channels::new());
+        let channels = Rc::new(RefCell::new(Rc::new(Channels::new())));
+        let restart = Rc::new(Restart::new());
         let running = Running::new({
             let (mut rx, mut tx) = line.board_end();
-            let (plant, channels) = (plant.clone(), channels.clone());
-            let mut session = session(Instant::now());
+            let mut store = Store::new(flash.clone(), 0..flash::SIZE as u32);
+            let (plant, all_channels, restart) = (plant.clone(), channels.clone(), restart.clone());
             async move {
-                let mut controller = Controller::new(make.settings.control);
-                let line = (&mut rx, &mut tx);
-                tasks::all(&plant, &mut controller, &mut session, line, &channels).await;
+                let mut reset = ResetCause::Power;
+                loop {
+                    let channels = Rc::new(Channels::new());
+                    all_channels.replace(channels.clone());
+                    plant.borrow_mut().outputs = Outputs::default();
+                    let (settings, origin) = match store.load(|| {}) {
+                        (settings, Origin::Stored) => (settings, Origin::Stored),
+                        (_, origin) => (make.settings, origin),
+                    };
+                    let boot = Boot { reset, settings: origin, stack_used: || 0 };
+                    let mut session = session(settings, boot, Instant::now());
+                    let mut controller = Controller::new(settings.control);
+                    let mut system = System(&restart);
+                    let tasks = join(
+                        tasks::all(
+                            &plant,
+                            &mut controller,
+                            &mut session,
+                            (&mut rx, &mut tx),
+                            &channels,
+                        ),
+                        app::upkeep(&mut store, &mut system, &channels),
+                    );
+                    let Either::Second(cause) = select(tasks, restart.wait()).await; // tasks never end
+                    reset = cause;
+                }
             }
         });
-        Self { running, channels, plant, line }
+        Self { running, channels, restart, plant, line, flash }
+    }
+
+    /// Starts the firmware from its beginning: what it drove goes off, what it knew is lost. World,
+    /// line and flash stay.
+    pub fn start_again(&mut self, reset: ResetCause) {
+        self.restart.signal(reset);
     }
 
     /// Runs until `time`.
@@ -103,17 +162,32 @@ impl<S: Session + 'static> VirtualBoard<S> {
 
     /// What the controller last knew.
     pub fn snapshot(&self) -> Snapshot {
-        self.channels.snapshot.get()
+        self.channels.borrow().snapshot.get()
     }
 
     /// What the session has counted.
     pub fn link(&self) -> S::Counters {
-        self.channels.link.get()
+        self.channels.borrow().link.get()
     }
 }
 
 impl Default for VirtualBoard {
     fn default() -> Self {
         Self::new(Make::default())
+    }
+}
+
+/// A processor that has no other program than the firmware, and no watchdog.
+struct System<'a>(&'a Restart);
+
+impl SystemPort for System<'_> {
+    fn feed_watchdog(&mut self) {}
+
+    fn can_start(&self, program: Program) -> bool {
+        program == Program::Firmware
+    }
+
+    fn start(&mut self, _program: Program) {
+        self.0.signal(ResetCause::Software);
     }
 }

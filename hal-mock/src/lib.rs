@@ -9,6 +9,7 @@
 //! - [`clock`]: virtual time, one clock a thread;
 //! - [`tasks`]: the firmware's own tasks over the plant and the clock;
 //! - [`wire`]: the serial line, paced like a UART;
+//! - [`flash`]: the memory for the settings, which may lose power at any byte;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
 //! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`];
 //! - [`cm5_board`]: the CM-5's bridge over a line and a servo bus: a [`cm5_board::Cm5Board`].
@@ -27,6 +28,8 @@ pub mod tasks;
 pub mod board;
 #[cfg(feature = "std")]
 pub mod cm5_board;
+#[cfg(feature = "std")]
+pub mod flash;
 #[cfg(feature = "std")]
 mod running;
 #[cfg(feature = "std")]

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use protocol::pms5005::extension::{Action, Assignments, Request};
 use protocol::pms5005::{self as wire, Frame, Quantity, Receiver};
 use serde_json::{Value, json};
 
@@ -412,6 +413,42 @@ fn the_serial_device_has_a_link_that_goes_with_the_board() {
     std::fs::remove_file(&link).unwrap();
 }
 
+fn request(request: Request) -> Vec<u8> {
+    encoded(wire::Command::Extension(request))
+}
+
+#[test]
+fn settings_in_a_file_are_there_at_the_next_start_and_after_a_reboot() {
+    let file = std::env::temp_dir().join(format!("settings-{}", std::process::id()));
+    let options = ["--settings", file.to_str().unwrap()];
+    let board = Board::start(&options);
+    let mut stream = board.tcp();
+    let mut data = wire::Data::new();
+    Assignments::emit(1, 1234, &mut data).unwrap();
+    stream.write_all(&request(Request::Set(Assignments::parse(&data).unwrap()))).unwrap();
+    assert_eq!(await_frame(&mut stream, 101), [7, 0x80, 0, 0, 0]);
+    stream.write_all(&request(Request::Do(Action::Save))).unwrap();
+    assert_eq!(await_frame(&mut stream, 101), [7, 0x82, 0, 0, 0]);
+
+    // The file is in use; and the link outlives a reboot.
+    refused(&program().args(options).output().unwrap(), file.to_str().unwrap());
+    stream.write_all(&request(Request::Do(Action::Reboot))).unwrap();
+    assert_eq!(await_frame(&mut stream, 101), [7, 0x84, 0, 0, 0]);
+    board.until(|state| state["link"]["frames_ok"] == 0);
+    stream.write_all(&request(Request::Identity)).unwrap();
+    assert_eq!(await_frame(&mut stream, 97)[4..], [3, 1], "software, stored");
+    drop((stream, board)); // killed
+
+    let board = Board::start(&options);
+    let mut stream = board.tcp();
+    stream.write_all(&request(Request::Setting(1))).unwrap();
+    assert_eq!(await_frame(&mut stream, 96)[4..8], 1234i32.to_le_bytes());
+    drop(board);
+    std::fs::write(&file, "no settings").unwrap();
+    refused(&program().args(options).output().unwrap(), "49152 bytes");
+    std::fs::remove_file(&file).unwrap();
+}
+
 #[test]
 fn it_ends_after_its_seconds_with_a_status_line_each() {
     let output = program().args(["--seconds", "2.5", "--headless"]).output().unwrap();
@@ -439,6 +476,7 @@ fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
         (&["--seconds", "nan"], "--seconds"),
         (&["--inspect", "0.0.0.0:0"], "--inspect 0.0.0.0:0"),
         (&["--scene", "/no/such.toml"], "/no/such.toml"),
+        (&["--settings", "/no/such/file"], "/no/such/file"),
         (&["--pty"], "--pty"),
     ] {
         refused(&program().args(options).output().unwrap(), names);

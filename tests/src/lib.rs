@@ -3,6 +3,8 @@
 //! - `tests/conformance/`: the manual, example by example and table by table;
 //! - `tests/reception/`: properties of the receiver and of every codec;
 //! - `tests/session.rs`: acknowledgements, telemetry, a saturated line;
+//! - `tests/extension.rs`: settings, upkeep, health and faults over the wire;
+//! - `tests/store.rs`: settings in a flash that loses power at any byte;
 //! - `tests/control.rs`: the loops against the simulated motors, with bounds on both sides;
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/refusals.rs`: what is not done;
 //! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;

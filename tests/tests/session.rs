@@ -5,9 +5,9 @@ use std::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use firmware::controller::Snapshot;
-use firmware::personality::pms5005::Pms5005;
+use firmware::personality::pms5005::{Boot, Pms5005};
 use firmware::personality::{MAX_FRAME, Session};
-use firmware::settings::LinkSettings;
+use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
 use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
@@ -238,7 +238,7 @@ fn on_a_line_without_a_speed_limit_a_thousand_commands_at_once_are_all_acknowled
 fn a_session_without_a_board_answers_at_the_time_it_is_told() {
     // The session has no clock of its own: the same bytes at the same times, the same answers.
     let at = Instant::from_millis;
-    let mut session = Pms5005::new(LinkSettings { telemetry_period_ms: 50 }, at(0));
+    let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), at(0));
     let mut out = [0; MAX_FRAME];
     assert_eq!(session.transmit(at(49), &Snapshot::BOOT, &mut out), None);
     assert_eq!(session.sends_at(), at(50));
@@ -261,7 +261,7 @@ fn an_encoder_that_counts_wildly_is_reported_at_the_end_of_the_scale() {
     let mut snapshot = Snapshot::BOOT;
     for (velocity, positive) in [(CountsPerSecond::MAX, true), (CountsPerSecond::MIN, false)] {
         snapshot.encoders[0].velocity = velocity;
-        let mut session = Pms5005::new(LinkSettings { telemetry_period_ms: 50 }, Instant::MIN);
+        let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
         let mut out = [0; MAX_FRAME];
         let frame = session.transmit(Instant::from_millis(50), &snapshot, &mut out).unwrap();
         let frame = Frame::parse(frame).unwrap();

@@ -9,6 +9,7 @@
 //!                      └────────> display ──> LcdPort        └── sensors <── SensorPort
 //!
 //!  supervise: feeds the watchdog when all of the above have checked in
+//!  upkeep: saves settings and restarts the board, while control is held back with nothing driven
 //! ```
 //!
 //! The CM-5 has no controller and other tasks: [`bridge`].
@@ -24,19 +25,21 @@ mod presence;
 use core::cell::{Cell, RefCell};
 
 use embassy_futures::join::join;
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either, Either3, select, select3};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Instant, Ticker, Timer, with_timeout};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
+use embedded_storage::nor_flash::NorFlash;
 
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
-use crate::personality::{MAX_FRAME, Picture, Request, Session};
-use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors};
+use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
+use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors, SystemPort};
+use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
 pub use bridge::{bridge, bridge_presence};
 use presence::CHECK_IN_PERIOD;
@@ -51,6 +54,10 @@ pub const COMMANDS: usize = 4;
 pub const PICTURES: usize = 2;
 /// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
 const CHUNK: usize = 64;
+const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
+/// How long the last answer of a program has to leave before another is started: an answer and an
+/// acknowledgement behind the longest frame take 25 ms at 115200 baud.
+const FAREWELL: Duration = Duration::from_millis(100);
 
 /// Who must show signs of life, as bits.
 #[derive(Clone, Copy)]
@@ -99,6 +106,11 @@ pub struct Channels<M: RawMutex, C: Copy> {
     pub link: Latest<M, C>,
     /// The host's signs of life: [`Session::signs_of_life`].
     signs_of_life: Latest<M, u32>,
+    /// One at a time: the session waits for what came of it.
+    upkeep: Channel<M, Upkeep, 1>,
+    upkeep_done: Signal<M, Result<(), UpkeepRefused>>,
+    /// No command is to be carried out.
+    hold: Latest<M, bool>,
 }
 
 impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
@@ -112,6 +124,9 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
             sensors: Latest::new(Sensors::UNKNOWN),
             link: Latest::new(C::default()),
             signs_of_life: Latest::new(0),
+            upkeep: Channel::new(),
+            upkeep_done: Signal::new(),
+            hold: Latest::new(false),
         }
     }
 }
@@ -128,19 +143,25 @@ pub async fn control<M: RawMutex, C: Copy>(
     controller: &mut Controller,
     channels: &Channels<M, C>,
 ) -> ! {
-    let mut ticker = Ticker::every(Duration::from_millis(CONTROL_PERIOD_MS.into()));
+    let mut due = Instant::now();
+    let mut worst_latency_us = 0;
     loop {
-        ticker.next().await;
+        due += CONTROL_PERIOD;
+        Timer::at(due).await;
         let motion = port.sample();
+        // No more than were waiting: a fast link must not stretch the period.
+        let most = if channels.hold.get() { 0 } else { COMMANDS };
         let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
-        let snapshot = controller.step(
-            // No more than were waiting: a fast link must not stretch the period.
-            commands.take(COMMANDS),
+        let mut snapshot = controller.step(
+            commands.take(most),
             &motion,
             &channels.sensors.get(),
             channels.signs_of_life.get(),
         );
         port.drive(&snapshot.outputs);
+        let latency_us = (Instant::now() - due).as_micros();
+        worst_latency_us = worst_latency_us.max(u16::try_from(latency_us).unwrap_or(u16::MAX));
+        snapshot.worst_latency_us = worst_latency_us;
         channels.snapshot.set(snapshot);
         channels.presence.check_in(Task::Control as u8);
     }
@@ -149,6 +170,53 @@ pub async fn control<M: RawMutex, C: Copy>(
 /// Calls `feed` whenever all tasks have shown signs of life: [`Presence::supervise`].
 pub async fn supervise<M: RawMutex, C: Copy>(feed: impl FnMut(), channels: &Channels<M, C>) -> ! {
     channels.presence.supervise(feed).await
+}
+
+/// Saves settings and starts programs, while control is held back and if nothing is driven: flash
+/// that is written or erased stalls the core, and with it everything that keeps a motor in check.
+///
+/// Order: commands wait from now on; two control periods later the outputs are what they will stay;
+/// if they are off it is done, the watchdog being fed before each erase; then commands go on. What
+/// the host sends meanwhile waits in the line's buffer, or is lost and counted there.
+pub async fn upkeep<M: RawMutex, C: Copy>(
+    store: &mut Store<impl NorFlash>,
+    system: &mut impl SystemPort,
+    channels: &Channels<M, C>,
+) -> ! {
+    loop {
+        let task = channels.upkeep.receive().await;
+        channels.hold.set(true);
+        let periods = || channels.snapshot.get().counters.periods;
+        let before = periods();
+        while periods().wrapping_sub(before) < 2 {
+            Timer::after(CONTROL_PERIOD).await;
+        }
+        let is_off = channels.snapshot.get().outputs.are_off();
+        let result = match task {
+            _ if !is_off => Err(UpkeepRefused::OutputsOn),
+            Upkeep::Start(program) if !system.can_start(program) => {
+                Err(UpkeepRefused::NotAvailable)
+            }
+            Upkeep::Start(_) => Ok(()),
+            Upkeep::Save(settings) => store
+                .save(&settings, || system.feed_watchdog())
+                .map_err(|_| UpkeepRefused::FlashFailed),
+        };
+        channels.upkeep_done.signal(result);
+        if let (Upkeep::Start(program), Ok(())) = (task, result) {
+            Timer::after(FAREWELL).await;
+            system.start(program);
+        }
+        channels.hold.set(false);
+    }
+}
+
+/// The upkeep of a board that cannot do any.
+pub async fn no_upkeep<M: RawMutex, C: Copy>(channels: &Channels<M, C>) -> ! {
+    loop {
+        channels.upkeep.receive().await;
+        channels.upkeep_done.signal(Err(UpkeepRefused::NotAvailable));
+    }
 }
 
 /// Reads the slow sensors, one reading after the other. Deadline: a reading takes 100 ms at most.
@@ -224,6 +292,7 @@ pub async fn link<M: RawMutex, S: Session>(
                 publish();
                 match request {
                     Some(Request::Control(command)) => channels.commands.send(command).await,
+                    Some(Request::Upkeep(task)) => channels.upkeep.send(task).await,
                     Some(Request::Show(picture)) => {
                         // A display that hangs must not hold up the command that stops a motor.
                         if channels.pictures.try_send(picture).is_err() {
@@ -259,7 +328,14 @@ pub async fn link<M: RawMutex, S: Session>(
                 None => {
                     let check_in_at = Instant::now() + CHECK_IN_PERIOD;
                     let at = session.borrow().sends_at().min(check_in_at);
-                    select(Timer::at(at), something_to_send.wait()).await;
+                    let upkeep_done = channels.upkeep_done.wait();
+                    let event = select3(Timer::at(at), something_to_send.wait(), upkeep_done).await;
+                    if let Either3::Third(result) = event {
+                        let command = session.borrow_mut().upkeep_done(result);
+                        if let Some(command) = command {
+                            channels.commands.send(command).await;
+                        }
+                    }
                 }
             }
         }

@@ -5,11 +5,11 @@
 mod tasks;
 
 use embassy_time::Instant;
-use firmware::personality::pms5005::Pms5005;
+use firmware::personality::pms5005::{Boot, Pms5005};
 use firmware::settings::Settings;
 
 type Host = Pms5005;
 
 fn host(now: Instant) -> Host {
-    Pms5005::new(Settings::DEFAULT.link, now)
+    Pms5005::new(Settings::DEFAULT, Boot::default(), now)
 }

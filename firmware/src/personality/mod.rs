@@ -15,6 +15,8 @@ use embassy_time::Instant;
 
 use crate::command::Command;
 use crate::controller::Snapshot;
+use crate::ports::Program;
+use crate::settings::Settings;
 
 pub use reception::{LONGEST_FRAME, LONGEST_PAUSE, TimedReceiver};
 
@@ -28,6 +30,30 @@ pub enum Request {
     Control(Command),
     /// To show a sixteenth of an image.
     Show(Picture),
+    /// Something that only a board at rest can do. The next one is asked for when the session has
+    /// been told what came of this one.
+    Upkeep(Upkeep),
+}
+
+/// What is done while control is held back and nothing is driven.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Upkeep {
+    /// To save these settings.
+    Save(Settings),
+    /// To start a program.
+    Start(Program),
+}
+
+/// Why upkeep was not done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum UpkeepRefused {
+    /// A motor or a servo is on.
+    OutputsOn,
+    /// This board cannot start such a program.
+    NotAvailable,
+    /// The flash does not take the settings.
+    FlashFailed,
 }
 
 /// A sixteenth of an image for the LCD.
@@ -72,6 +98,12 @@ pub trait Session {
 
     /// Counts an error that the line reported.
     fn line_failed(&mut self);
+
+    /// What came of the [`Upkeep`] that it has asked for, and what is to be done about it. A
+    /// program that can be started will be, a moment later.
+    fn upkeep_done(&mut self, _result: Result<(), UpkeepRefused>) -> Option<Command> {
+        None
+    }
 
     /// Counts a picture that found no room to wait.
     fn picture_dropped(&mut self) {}

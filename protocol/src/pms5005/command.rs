@@ -5,6 +5,7 @@
 //! sensor a channel uses, say); such questions are the controller's.
 
 use super::did;
+use super::extension::Request;
 use super::frame::{Data, EncodeError, Frame, RID_PMS5005};
 use super::motion::Move;
 use super::parameter::Parameters;
@@ -141,6 +142,24 @@ pub enum Repeat {
     Continuous,
 }
 
+impl Repeat {
+    /// DATA of a request for telemetry: nothing, or how often.
+    pub(super) fn parse(count: Option<u8>) -> Self {
+        match count {
+            None => Self::Continuous,
+            Some(count) => core::num::NonZeroU8::new(count).map_or(Self::Stop, Self::Times),
+        }
+    }
+
+    pub(super) fn emit(self, data: &mut Data) -> Result<(), EncodeError> {
+        match self {
+            Self::Stop => append(data, &[0]),
+            Self::Times(count) => append(data, &[count.get()]),
+            Self::Continuous => Ok(()),
+        }
+    }
+}
+
 /// A host's command (Table II.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -172,6 +191,8 @@ pub enum Command<'a> {
     PingOrAck,
     /// The ping that Table II.1 gives the board; some hosts send it too (DID 255, data 0).
     Ping,
+    /// What the manual does not know (DID 7 from sub-command 80, DIDs 96 to 111).
+    Extension(Request<'a>),
 }
 
 impl<'a> Command<'a> {
@@ -183,6 +204,9 @@ impl<'a> Command<'a> {
         let bad_length = Refusal::Length { did, len: data.len() };
         if let Some(command) = Move::parse(did, data) {
             return command.map(Self::Move);
+        }
+        if let Some(request) = Request::parse(did, data) {
+            return request.map(Self::Extension);
         }
         match (did, data) {
             (did::PARAMETERS, _) => Parameters::parse(data).map(Self::Parameters),
@@ -210,12 +234,7 @@ impl<'a> Command<'a> {
                     did::SENSORS => Reports::Sensors,
                     _ => Reports::All,
                 };
-                let repeat = match data.first() {
-                    None => Repeat::Continuous,
-                    Some(&count) => {
-                        core::num::NonZeroU8::new(count).map_or(Repeat::Stop, Repeat::Times)
-                    }
-                };
+                let repeat = Repeat::parse(data.first().copied());
                 Ok(Self::Telemetry { reports, repeat })
             }
             (did::SETUP, &[kind]) => {
@@ -244,6 +263,7 @@ impl<'a> Command<'a> {
                 Reports::All => did::ALL_REPORTS,
             },
             Self::PingOrAck | Self::Ping => did::SETUP,
+            Self::Extension(request) => request.did(),
         }
     }
 
@@ -281,13 +301,10 @@ impl<'a> Command<'a> {
                     }
                 }
             }
-            Self::Telemetry { repeat, .. } => match repeat {
-                Repeat::Stop => append(data, &[0]),
-                Repeat::Times(count) => append(data, &[count.get()]),
-                Repeat::Continuous => Ok(()),
-            },
+            Self::Telemetry { repeat, .. } => repeat.emit(data),
             Self::PingOrAck => append(data, &[1]),
             Self::Ping => append(data, &[0]),
+            Self::Extension(request) => request.emit(data),
         }
     }
 }

@@ -3,7 +3,8 @@
 //! - [`Receiver`] finds frames in a stream, [`Frame`] takes one apart and puts one together;
 //! - [`Command`] is what a host asks for (Table II.1);
 //! - [`Report`] is what the board tells (Tables II.2 to II.4);
-//! - [`ACK`] and [`PING`] are the two short frames that the board sends besides.
+//! - [`ACK`] and [`PING`] are the two short frames that the board sends besides;
+//! - [`extension`] is what this implementation adds, off the manual's map.
 //!
 //! # Where the manual is silent, and what we do
 //! The manual leaves questions open and contradicts itself in places; host programs in the field
@@ -14,7 +15,7 @@
 //! | byte stuffing | There is none. LEN rules reception; `5E 02` and `5E 0D` may stand in DATA. After a damaged frame the next good one is found, even inside the damaged one's bytes. |
 //! | what is acknowledged | Every intact frame with RID 1 whose RES is not 255. The acknowledgement looks like a host's ping (255, data 1), and some hosts answer it with another: those are answered at most once in 200 ms. 255 with data 0 is answered at once. |
 //! | other RIDs | Ignored silently: the line may be shared. |
-//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). |
+//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). 96 to 111 are the [`extension`]'s. |
 //! | bad values, lengths that fit no form | Acknowledged, as the frame arrived intact; nothing of it is carried out, not even the good part of a list. |
 //! | a channel twice in one list | A bad value: nobody can tell which one was meant. |
 //! | Flag before the time of a list | 28 as documented, 6 as some hosts have it, or none at all. |
@@ -29,6 +30,7 @@
 //! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
 
 mod command;
+pub mod extension;
 mod frame;
 mod motion;
 mod parameter;

@@ -123,7 +123,7 @@ impl Report {
 
     /// Reads DID and DATA of an intact frame. `None` if it is not telemetry.
     pub fn parse(did: u8, data: &[u8]) -> Option<Self> {
-        let fields = Reader { rest: data };
+        let fields = Reader::new(data);
         match (did, data.len()) {
             (did::MOTORS, len::MOTORS) => MotorReport::read(fields).map(Self::Motors),
             (did::CUSTOM_IO, len::CUSTOM_IO) => CustomIoReport::read(fields).map(Self::CustomIo),
@@ -203,27 +203,47 @@ impl SensorReport {
 }
 
 /// Takes fields from the front of DATA.
-struct Reader<'a> {
+pub(super) struct Reader<'a> {
     rest: &'a [u8],
 }
 
-impl Reader<'_> {
-    fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
+impl<'a> Reader<'a> {
+    pub(super) fn new(data: &'a [u8]) -> Self {
+        Self { rest: data }
+    }
+
+    pub(super) fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (bytes, rest) = self.rest.split_first_chunk::<N>()?;
         self.rest = rest;
         Some(*bytes)
     }
 
-    fn word(&mut self) -> Option<u16> {
+    pub(super) fn word(&mut self) -> Option<u16> {
         self.bytes().map(u16::from_le_bytes)
     }
 
-    fn words<const N: usize>(&mut self) -> Option<[u16; N]> {
+    pub(super) fn words<const N: usize>(&mut self) -> Option<[u16; N]> {
         let mut words = [0; N];
         for word in &mut words {
             *word = self.word()?;
         }
         Some(words)
+    }
+
+    /// A signed number of four bytes.
+    pub(super) fn number(&mut self) -> Option<i32> {
+        self.bytes().map(i32::from_le_bytes)
+    }
+
+    /// A byte that stands for something.
+    pub(super) fn code<T>(&mut self, meaning: impl Fn(u8) -> Option<T>) -> Option<T> {
+        let [code] = self.bytes()?;
+        meaning(code)
+    }
+
+    /// All that is left.
+    pub(super) fn rest(&mut self) -> &'a [u8] {
+        core::mem::take(&mut self.rest)
     }
 }
 

@@ -50,7 +50,7 @@ impl Host {
 
     /// An arm made otherwise.
     fn with(make: Make) -> Self {
-        let session = |now| PioneerArm::new(make.settings.arm, now);
+        let session = move |now| PioneerArm::new(make.settings.arm, now);
         Self { board: VirtualBoard::with_session(make, session), receiver: Receiver::new() }
     }
 

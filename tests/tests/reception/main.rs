@@ -12,12 +12,16 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use proptest::test_runner::{RngAlgorithm, TestRng};
+use protocol::pms5005::extension::{
+    Action, Answer, Assignments, Counters, Description, Fault, FaultRecord, Health, Identity,
+    Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
+};
 use protocol::pms5005::{
     Addressing, CHANNELS, Channel, Command, CustomIoReport, Data, ETX, Encoder, Frame, Gain,
     LcdFrame, Loop, MAX_FRAME, Method, MotorReport, Move, OVERHEAD, Parameter, Parameters,
     Polarity, Quantity, Receiver, Repeat, Report, Reports, STX, Scope, Sensor, SensorReport,
 };
-use strategies::{byte, command, parameter, plain_data, report};
+use strategies::{answer, byte, command, parameter, plain_data, report};
 use tests::Bench;
 
 fn frame(rid: u8, res: u8, did: u8, data: &[u8]) -> Vec<u8> {
@@ -173,8 +177,48 @@ proptest! {
     }
 
     #[test]
+    fn assignments_read_back_as_they_were_written(
+        assignments in vec(any::<(u16, i32)>(), 1..=36), // 36 of 7 bytes fill DATA
+    ) {
+        let mut data = Data::new();
+        for &(number, value) in &assignments {
+            Assignments::emit(number, value, &mut data).unwrap();
+        }
+        let request = Request::Set(Assignments::parse(&data).unwrap());
+        let frame = arrives(Command::Extension(request), 0);
+        let frame = Frame::parse(&frame).unwrap();
+        let Ok(Command::Extension(Request::Set(read))) = Command::parse(frame.did, frame.data)
+        else {
+            return Err(TestCaseError::fail("no assignments"));
+        };
+        prop_assert_eq!(read.iter().collect::<Vec<_>>(), assignments);
+    }
+
+    #[test]
+    fn every_answer_reads_back_as_it_was_written(answer in answer()) {
+        let mut buffer = [0; MAX_FRAME];
+        let sent = answer.encode(&mut buffer).unwrap().to_vec();
+        let frames = hear(&mut Receiver::new(), [&sent[..]]);
+        let frame = Frame::parse(&frames[0]).unwrap();
+        prop_assert_eq!((frame.rid, frame.res, frames.len()), (0, 255, 1));
+        prop_assert_eq!(Answer::parse(frame.did, frame.data), Some(answer));
+    }
+
+    #[test]
+    fn any_data_is_no_answer_or_means_the_same_when_written_again(
+        did in 96..=102u8,
+        data in vec(prop_oneof![4 => 0..10u8, 1 => any::<u8>()], 0..80),
+    ) {
+        if let Some(answer) = Answer::parse(did, &data) {
+            let mut buffer = [0; MAX_FRAME];
+            let frame = answer.encode(&mut buffer).unwrap();
+            prop_assert_eq!(Frame::parse(frame).unwrap().data, &data[..]);
+        }
+    }
+
+    #[test]
     fn any_data_is_refused_or_means_the_same_when_written_again(
-        did in prop_oneof![3..=7u8, 22..=31u8, 123..=127u8, Just(255), any::<u8>()],
+        did in prop_oneof![3..=7u8, 22..=31u8, 96..=101u8, 123..=127u8, Just(255), any::<u8>()],
         data in vec(prop_oneof![4 => 0..8u8, 1 => Just(28), 1 => any::<u8>()], 0..20),
     ) {
         if let Ok(command) = Command::parse(did, &data) {

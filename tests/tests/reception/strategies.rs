@@ -33,6 +33,77 @@ pub fn command() -> impl Strategy<Value = Command<'static>> {
         2 => (select(reports.to_vec()), select(repeats))
             .prop_map(|(reports, repeat)| Command::Telemetry { reports, repeat }),
         1 => select(vec![Command::PingOrAck, Command::Ping]),
+        2 => request().prop_map(Command::Extension),
+    ]
+}
+
+/// Every request of the extension that borrows nothing.
+fn request() -> impl Strategy<Value = Request<'static>> {
+    let repeats = (0..=255).map(|n| NonZeroU8::new(n).map_or(Repeat::Stop, Repeat::Times));
+    let repeats: Vec<_> = repeats.chain([Repeat::Continuous; 16]).collect();
+    prop_oneof![
+        select(Action::ALL.to_vec()).prop_map(Request::Do),
+        any::<u16>().prop_map(Request::Setting),
+        select(vec![Request::Identity, Request::Counters]),
+        select(repeats).prop_map(Request::Health),
+        any::<u8>().prop_map(Request::Fault),
+    ]
+}
+
+/// Every answer of the extension.
+pub fn answer() -> impl Strategy<Value = Answer<'static>> {
+    let codes = |last: u8| 0..=last;
+    let channel = (0..7u8).prop_map(Channel::new);
+    let record = (select(Fault::ALL.to_vec()), channel, any::<u32>(), any::<[i16; 3]>()).prop_map(
+        |(fault, channel, uptime_ms, values)| FaultRecord { fault, channel, uptime_ms, values },
+    );
+    let names = select(vec!["", "a", "telemetry period", "full speed potentiometer"]);
+    let setting = (1..=u16::MAX, any::<u16>(), any::<[i32; 4]>(), codes(9), names).prop_map(
+        |(number, next, [value, low, high, default], unit, name)| Description {
+            number,
+            next: Some(next).filter(|&next| next != 0),
+            value,
+            range: (low, high),
+            default,
+            unit: Unit::from_code(unit).unwrap(),
+            name,
+        },
+    );
+    let identity = (any::<[u8; 4]>(), codes(4), codes(2)).prop_map(
+        |([major, minor, patch, extension], reset, settings)| Identity {
+            version: [major, minor, patch],
+            extension,
+            reset: ResetCause::from_code(reset).unwrap(),
+            settings: Origin::from_code(settings).unwrap(),
+        },
+    );
+    let health = (any::<u32>(), any::<[u16; 2]>(), any::<u8>()).prop_map(
+        |(uptime_ms, [worst_latency_us, stack_used], faults)| Health {
+            uptime_ms,
+            worst_latency_us,
+            stack_used,
+            faults,
+        },
+    );
+    let latched = (any::<[u8; 2]>(), record).prop_map(|([place, total], record)| Latched {
+        place,
+        total,
+        record: (place < total).then_some(record),
+    });
+    let outcome =
+        (any::<[u8; 2]>(), codes(9), any::<u16>()).prop_map(|([did, first], verdict, setting)| {
+            Outcome { did, first, verdict: Verdict::from_code(verdict).unwrap(), setting }
+        });
+    let counters = any::<[u32; 4]>().prop_map(|[frames_ok, refused, acks_sent, links_lost]| {
+        Counters { frames_ok, refused, acks_sent, links_lost, ..Counters::default() }
+    });
+    prop_oneof![
+        setting.prop_map(Answer::Setting),
+        identity.prop_map(Answer::Identity),
+        health.prop_map(Answer::Health),
+        counters.prop_map(Answer::Counters),
+        latched.prop_map(Answer::Fault),
+        outcome.prop_map(Answer::Outcome),
     ]
 }
 

@@ -6,6 +6,7 @@
 
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
+use embassy_futures::join::join;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -81,5 +82,5 @@ async fn main(spawner: Spawner) {
     SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
-    app::supervise(|| watchdog.pet(), all).await;
+    join(app::supervise(|| watchdog.pet(), all), app::no_upkeep(all)).await;
 }

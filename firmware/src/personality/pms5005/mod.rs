@@ -10,22 +10,27 @@
 //! - acknowledgements go before telemetry;
 //! - telemetry that could not be sent before its next turn is skipped and counted, not queued;
 //!   the three reports take turns, so that none starves;
-//! - the host hears from us at least once a second: telemetry, or a ping.
+//! - the host hears from us at least once a second: telemetry, or a ping;
+//! - what the extension is asked for goes behind acknowledgements, before telemetry.
 
+mod extension;
 mod translate;
 
 use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
+use protocol::pms5005::extension::{Answer, Outcome, Request as ExtensionRequest, owns};
 use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Refusal, Repeat, Report, Reports,
 };
 
-use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver};
+use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused};
 use crate::command::{Command, Configuration};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
-use crate::settings::LinkSettings;
+use crate::settings::Settings;
+pub use extension::Boot;
+use extension::{Extension, Owed};
 use translate::{motion, report};
 
 /// 255/1 is answered at most this often.
@@ -69,9 +74,13 @@ pub struct LinkCounters {
     pub pictures_dropped: u32,
     /// Errors that the line itself reported: overruns, framing.
     pub line_errors: u32,
+    /// Answers of the extension sent, health apart.
+    pub answers_sent: u32,
+    /// Answers of the extension that found no more room to wait.
+    pub answers_dropped: u32,
 }
 
-/// One of the three telemetry streams.
+/// A stream of telemetry, or of health.
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     repeat: Repeat,
@@ -88,9 +97,9 @@ pub struct Pms5005 {
 
 /// What a session owes its host.
 struct Answers {
-    settings: LinkSettings,
-    /// In the order of [`REPORTS`].
-    streams: [Stream; 3],
+    extension: Extension,
+    /// In the order of [`TOPICS`].
+    streams: [Stream; TOPICS.len()],
     /// The stream whose turn it is.
     turn: usize,
     acks_waiting: u16,
@@ -100,20 +109,37 @@ struct Answers {
     counters: LinkCounters,
 }
 
-const REPORTS: [Reports; 3] = [Reports::Motors, Reports::CustomIo, Reports::Sensors];
+/// What a stream is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Topic {
+    Telemetry(Reports),
+    Health,
+}
 
-const _: () = assert!(Report::MAX_FRAME <= MAX_FRAME);
+const TOPICS: [Topic; 4] = [
+    Topic::Telemetry(Reports::Motors),
+    Topic::Telemetry(Reports::CustomIo),
+    Topic::Telemetry(Reports::Sensors),
+    Topic::Health,
+];
+
+const _: () = assert!(Report::MAX_FRAME <= MAX_FRAME && Answer::MAX_FRAME <= MAX_FRAME);
 
 impl Pms5005 {
     /// A session at boot: "it will keep sending all sensor data to the host" (section III). It
     /// begins after one period, when there is something to tell.
-    pub fn new(settings: LinkSettings, now: Instant) -> Self {
+    pub fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
+        let extension = Extension::new(settings, boot, now);
         let due = now.saturating_add(telemetry_period(&settings));
+        let streams = TOPICS.map(|topic| match topic {
+            Topic::Telemetry(_) => Stream { repeat: Repeat::Continuous, due },
+            Topic::Health => Stream { repeat: Repeat::Stop, due },
+        });
         Self {
             receiver: TimedReceiver::new(),
             answers: Answers {
-                settings,
-                streams: [Stream { repeat: Repeat::Continuous, due }; 3],
+                extension,
+                streams,
                 turn: 0,
                 acks_waiting: 0,
                 ping_answered: None,
@@ -146,12 +172,22 @@ impl Session for Pms5005 {
         snapshot: &Snapshot,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
-        let frame = match self.answers.next(now)? {
-            Answer::Ack => ACK.encode(out),
-            Answer::Ping => PING.encode(out),
-            Answer::Telemetry(reports) => report(reports, snapshot).encode(out),
+        let due = self.answers.next(now)?;
+        let extension = &self.answers.extension;
+        let frame = match due {
+            Due::Ack => ACK.encode(out),
+            Due::Ping => PING.encode(out),
+            Due::Stream(Topic::Telemetry(reports)) => report(reports, snapshot).encode(out),
+            Due::Stream(Topic::Health) => extension.health(now, snapshot).encode(out),
+            Due::Answer(owed) => extension.answer(owed, snapshot, &self.counters())?.encode(out),
         };
         frame.ok().map(|frame| &*frame)
+    }
+
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Command> {
+        let (answer, command) = self.answers.extension.done(result);
+        self.answers.settle(answer);
+        command
     }
 
     fn sends_at(&self) -> Instant {
@@ -182,15 +218,16 @@ impl Session for Pms5005 {
 }
 
 /// What a session says.
-enum Answer {
+enum Due {
     Ack,
-    Telemetry(Reports),
+    Answer(Owed),
+    Stream(Topic),
     Ping,
 }
 
 impl Answers {
     fn due_at(&self) -> Instant {
-        if self.acks_waiting > 0 {
+        if self.acks_waiting > 0 || self.extension.owes() {
             return Instant::MIN;
         }
         let ping = self.spoke.saturating_add(PING_PERIOD);
@@ -201,33 +238,37 @@ impl Answers {
     }
 
     /// What is to be said first, if anything; it counts as said.
-    fn next(&mut self, now: Instant) -> Option<Answer> {
+    fn next(&mut self, now: Instant) -> Option<Due> {
         if let Some(waiting) = self.acks_waiting.checked_sub(1) {
             self.acks_waiting = waiting;
             count(&mut self.counters.acks_sent, 1);
-            Some(Answer::Ack)
-        } else if let Some(reports) = self.next_report(now) {
+            Some(Due::Ack)
+        } else if let Some(owed) = self.extension.next() {
+            count(&mut self.counters.answers_sent, 1);
+            Some(Due::Answer(owed))
+        } else if let Some(topic) = self.next_stream(now) {
             self.spoke = now;
             count(&mut self.counters.telemetry_sent, 1);
-            Some(Answer::Telemetry(reports))
+            Some(Due::Stream(topic))
         } else if now >= self.spoke.saturating_add(PING_PERIOD) {
             self.spoke = now;
             count(&mut self.counters.pings_sent, 1);
-            Some(Answer::Ping)
+            Some(Due::Ping)
         } else {
             None
         }
     }
 
-    /// The report that is due, if any, the streams taking turns; its stream moves on to its next
+    /// What a stream has to tell now, if any has, the streams taking turns; it moves on to its next
     /// period, past those that it has missed.
-    fn next_report(&mut self, now: Instant) -> Option<Reports> {
-        let period = telemetry_period(&self.settings).as_ticks() as u32; // at most 65.5 s
+    fn next_stream(&mut self, now: Instant) -> Option<Topic> {
+        // At most 65.5 s.
+        let period = telemetry_period(self.extension.settings()).as_ticks() as u32;
         let is_due = |stream: &Stream| stream.repeat != Repeat::Stop && stream.due <= now;
-        let turn = (0..REPORTS.len())
-            .map(|k| (self.turn + k) % REPORTS.len())
+        let turn = (0..TOPICS.len())
+            .map(|k| (self.turn + k) % TOPICS.len())
             .find(|&turn| is_due(&self.streams[turn]))?;
-        self.turn = (turn + 1) % REPORTS.len();
+        self.turn = (turn + 1) % TOPICS.len();
         let stream = &mut self.streams[turn];
         if let Repeat::Times(times) = stream.repeat {
             let left = NonZeroU8::new(times.get() - 1);
@@ -237,7 +278,7 @@ impl Answers {
         let late = u32::try_from((now - stream.due).as_ticks()).unwrap_or(u32::MAX);
         count(&mut self.counters.telemetry_skipped, late / period);
         stream.due = now + Duration::from_ticks((period - late % period).into());
-        Some(REPORTS[turn])
+        Some(TOPICS[turn])
     }
 
     /// Does what an intact frame asks of the session, and yields what it asks of the board.
@@ -251,6 +292,12 @@ impl Answers {
         let command = wire::Command::parse(frame.did, frame.data);
         if frame.res != RES_NO_ACK {
             self.acknowledge(command == Ok(wire::Command::PingOrAck), now);
+        }
+        if let Err(refusal) = command
+            && owns(frame.did, frame.data)
+        {
+            let outcome = Outcome::of(frame.did, frame.data, refusal.into());
+            self.owe(Owed::Outcome(outcome));
         }
         match command {
             Ok(command) => self.carry_out(command, now),
@@ -304,23 +351,58 @@ impl Answers {
             }
             wire::Command::Run { scope, run } => control(Command::Run { scope, run }),
             wire::Command::Telemetry { reports, repeat } => {
-                self.stream(reports, repeat, now);
+                for of in [Reports::Motors, Reports::CustomIo, Reports::Sensors] {
+                    if reports == of || reports == Reports::All {
+                        self.stream(Topic::Telemetry(of), repeat, now);
+                    }
+                }
                 None
+            }
+            wire::Command::Extension(ExtensionRequest::Health(repeat)) => {
+                self.stream(Topic::Health, repeat, now);
+                None
+            }
+            wire::Command::Extension(request) => {
+                let (answer, request) = self.extension.respond(request);
+                self.settle(answer);
+                self.hasten(now);
+                request
             }
             wire::Command::PingOrAck | wire::Command::Ping => None,
         }
     }
 
-    /// Starts and stops telemetry. A stream that runs keeps its rhythm, or a host that asks often
-    /// would get more than a period allows.
-    fn stream(&mut self, reports: Reports, repeat: Repeat, now: Instant) {
-        for (stream, of) in self.streams.iter_mut().zip(REPORTS) {
-            if reports == of || reports == Reports::All {
-                if stream.repeat == Repeat::Stop {
-                    stream.due = stream.due.max(now);
-                }
-                stream.repeat = repeat;
+    /// Starts and stops a stream. One that runs keeps its rhythm, or a host that asks often would
+    /// get more than a period allows.
+    fn stream(&mut self, topic: Topic, repeat: Repeat, now: Instant) {
+        for (stream, _) in self.streams.iter_mut().zip(TOPICS).filter(|(_, of)| *of == topic) {
+            if stream.repeat == Repeat::Stop {
+                stream.due = stream.due.max(now);
             }
+            stream.repeat = repeat;
+        }
+    }
+
+    /// Brings the streams forward to a period that may have become shorter.
+    fn hasten(&mut self, now: Instant) {
+        let latest = now.saturating_add(telemetry_period(self.extension.settings()));
+        self.streams.iter_mut().for_each(|stream| stream.due = stream.due.min(latest));
+    }
+
+    /// Notes what came of a request that could be read, if that is known already.
+    fn settle(&mut self, answer: Option<Owed>) {
+        if let Some(answer) = answer {
+            if answer.is_refusal() {
+                count(&mut self.counters.refused, 1);
+            }
+            self.owe(answer);
+        }
+    }
+
+    /// Notes an answer of the extension, if there is room.
+    fn owe(&mut self, answer: Owed) {
+        if !self.extension.owe(answer) {
+            count(&mut self.counters.answers_dropped, 1);
         }
     }
 }
@@ -330,6 +412,6 @@ fn count(counter: &mut u32, more: u32) {
     *counter = counter.wrapping_add(more);
 }
 
-fn telemetry_period(settings: &LinkSettings) -> Duration {
-    Duration::from_millis(settings.telemetry_period_ms.max(1).into())
+fn telemetry_period(settings: &Settings) -> Duration {
+    Duration::from_millis(settings.link.telemetry_period_ms.max(1).into())
 }

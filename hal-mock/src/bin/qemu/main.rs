@@ -25,9 +25,11 @@ use core::task::{RawWaker, RawWakerVTable, Waker};
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
+use embassy_futures::join::join;
 use embassy_time::Instant;
+use firmware::app;
 use firmware::controller::Controller;
-use firmware::personality::pms5005::{LinkCounters, Pms5005};
+use firmware::personality::pms5005::{Boot, LinkCounters, Pms5005};
 use firmware::settings::Settings;
 use hal_mock::plant::{Plant, Scene};
 use hal_mock::tasks::{self, Channels};
@@ -55,7 +57,8 @@ fn main() -> ! {
     let plant = PLANT.init_with(|| RefCell::new(Plant::new(Scene::default(), SEED)));
     let channels = CHANNELS.init_with(Channels::new);
     let controller = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT.link, Instant::now()));
+    let session =
+        SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
     TRACE.start();
     HOST.start();
     uart::listen();
@@ -65,7 +68,10 @@ fn main() -> ! {
 
     let line = Line::default();
     let (mut rx, mut tx) = line.board_end();
-    let mut board = pin!(tasks::all(plant, controller, session, (&mut rx, &mut tx), channels));
+    let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels);
+    let mut board = pin!(async {
+        join(all, app::no_upkeep(channels)).await;
+    });
     let waker = waker();
     let mut run_until = |ms: u32| {
         tasks::run_until(board.as_mut(), &waker, &WOKEN, Instant::from_millis(ms.into()));

@@ -30,6 +30,9 @@ pub struct Options {
     /// The world to simulate; see the documentation of hal_mock::scene_file.
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
+    /// Where saved settings are kept; without it they are lost when the board ends.
+    #[arg(long, value_name = "FILE")]
+    pub settings: Option<PathBuf>,
     /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7.
     #[arg(long, value_name = "IDS", default_value = "1-6")]
     pub servos: String,
@@ -76,12 +79,13 @@ enum DialectName {
 }
 
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 5] = [
+const PARTICULAR: [(&str, &[Personality]); 6] = [
     ("udp", &[Personality::Pms5005]),
     ("scene", &[Personality::Pms5005]),
     ("dialect", &[Personality::PioneerArm]),
     ("servos", &[Personality::Cm5, Personality::Ax12Bus]),
     ("bus_faults", &[Personality::Cm5, Personality::Ax12Bus]),
+    ("settings", &[Personality::Pms5005]),
 ];
 
 /// What holds unless the user says otherwise.

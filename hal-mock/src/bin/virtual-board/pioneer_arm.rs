@@ -16,7 +16,7 @@ use crate::options::Options;
 pub fn machine(options: &Options) -> Box<dyn Machine> {
     let mut make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
     make.settings.arm.dialect = options.dialect();
-    Box::new(VirtualBoard::with_session(make, |now| PioneerArm::new(make.settings.arm, now)))
+    Box::new(VirtualBoard::with_session(make, move |now| PioneerArm::new(make.settings.arm, now)))
 }
 
 /// The input that tells that the arm is connected, when its cable is cut, and when it is not.

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use embassy_time::Instant;
 use hal_mock::board::{Make, VirtualBoard};
+use hal_mock::flash::Flash;
 use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
@@ -15,7 +16,7 @@ use crate::machine::{Follower, Machine};
 use crate::options::Options;
 use crate::values::{list, number, numbers};
 
-/// The board that the options ask for, or in one line what is wrong with its scene.
+/// The board that the options ask for, or in one line what is wrong with its files.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
     let scene = match &options.scene {
         None => Default::default(),
@@ -26,12 +27,15 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
             scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
         }
     };
-    Ok(Box::new(VirtualBoard::new(Make {
-        scene,
-        line_rate: options.line_rate(),
-        seed: options.seed,
-        ..Make::default()
-    })))
+    let flash = match &options.settings {
+        None => Flash::empty(),
+        Some(path) => {
+            Flash::open(path).map_err(|e| format!("--settings {}: {e}", path.display()))?
+        }
+    };
+    let make =
+        Make { scene, line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
+    Ok(Box::new(VirtualBoard::with_flash(make, flash)))
 }
 
 impl Machine for VirtualBoard {
@@ -171,6 +175,8 @@ struct LinkState {
     pings_sent: u32,
     pictures_dropped: u32,
     line_errors: u32,
+    answers_sent: u32,
+    answers_dropped: u32,
 }
 
 impl State {
@@ -209,6 +215,8 @@ impl State {
                 pings_sent: link.pings_sent,
                 pictures_dropped: link.pictures_dropped,
                 line_errors: link.line_errors,
+                answers_sent: link.answers_sent,
+                answers_dropped: link.answers_dropped,
             },
             faults: if snapshot.link_loss { vec!["link_loss"] } else { Vec::new() },
         }

@@ -1,11 +1,23 @@
 //! What an owner may choose, with the defaults that suit a correctly wired original.
+//!
+//! - [`Settings`]: the choices, as the code uses them;
+//! - [`table`]: the same by number, as hosts and the flash know them;
+//! - [`store`]: where they survive.
+
+pub mod store;
+pub mod table;
+
+use protocol::pms5005::Sensor;
 
 use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
 
 use crate::units::Duty;
 
+pub use table::SettingRefused;
+
 /// How the two bytes of Ki are read; hosts disagree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum KiReading {
     /// M + N/100: the manual's "integer part, fraction part" in decimal.
     #[default]
@@ -30,6 +42,7 @@ impl KiReading {
 
 /// When the collision protection (sub-command 13) holds the wheels back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CollisionSettings {
     /// An ultrasonic range of this many cm or less stops forward drive; default 30.
     pub sonar_stop_cm: u8,
@@ -49,6 +62,7 @@ pub struct CollisionSettings {
 
 /// The controller's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ControlSettings {
     /// Silence of the host, in control periods (ms), after which moving channels are stopped;
     /// 0 never stops them. Default 2000.
@@ -61,6 +75,18 @@ pub struct ControlSettings {
     pub full_speed_potentiometer: u32,
     /// Collision protection.
     pub collision: CollisionSettings,
+}
+
+impl ControlSettings {
+    /// Counts per second at full drive, by the sensor that counts.
+    pub fn full_speed(&self, sensor: Sensor) -> u32 {
+        match sensor {
+            Sensor::Encoder => self.full_speed_encoder,
+            Sensor::SinglePotentiometer | Sensor::DualPotentiometer => {
+                self.full_speed_potentiometer
+            }
+        }
+    }
 }
 
 /// The PMS5005 session's settings, times in ms.

@@ -1,0 +1,278 @@
+//! The session's part in the protocol's extension: settings by number, upkeep, health, faults.
+//!
+//! What a request asks of the session is done here, and what is to be answered waits here, as a
+//! note of a few bytes; the answer itself is made when it is sent, from what is true then.
+
+use embassy_time::Instant;
+use heapless::{Deque, Vec};
+use protocol::pms5005::extension::{
+    Action, Answer, Assignments, Counters, Fault, FaultRecord, Health, Identity, Latched, Origin,
+    Outcome, Request as Asked, ResetCause, VERSION, Verdict,
+};
+use protocol::pms5005::{did, extension};
+
+use super::LinkCounters;
+use crate::command::{Command, Configuration};
+use crate::controller::Snapshot;
+use crate::personality::{Request, Upkeep, UpkeepRefused};
+use crate::ports::Program;
+use crate::settings::{SettingRefused, Settings};
+
+/// Answers that may wait. A host that waits for each before it asks again never has two.
+const ANSWERS_WAITING: usize = 8;
+/// Faults that may be latched at a time: four of each channel, eleven of the board.
+const FAULTS: usize = 35;
+
+/// How the board has started, and what only it knows.
+#[derive(Clone, Copy, Debug)]
+pub struct Boot {
+    /// Why.
+    pub reset: ResetCause,
+    /// Where its settings come from.
+    pub settings: Origin,
+    /// The most stack that was ever used, in bytes; 0 is unknown.
+    pub stack_used: fn() -> u16,
+}
+
+impl Default for Boot {
+    /// Nothing is known, nothing was stored.
+    fn default() -> Self {
+        Self { reset: ResetCause::Unknown, settings: Origin::Defaults, stack_used: || 0 }
+    }
+}
+
+/// An answer that waits.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Owed {
+    Setting(u16),
+    Identity,
+    Counters,
+    Fault(u8),
+    Outcome(Outcome),
+}
+
+impl Owed {
+    /// Whether it tells that a request was refused.
+    pub(super) fn is_refusal(self) -> bool {
+        matches!(self, Self::Outcome(outcome) if outcome.verdict != Verdict::Done)
+    }
+}
+
+/// The extension's state.
+pub(super) struct Extension {
+    /// The settings in force. Only this session changes them.
+    settings: Settings,
+    boot: Boot,
+    booted: Instant,
+    /// Whether the faults of the start itself have been cleared.
+    boot_faults_cleared: bool,
+    owed: Deque<Owed, ANSWERS_WAITING>,
+    /// What the board is doing for the host.
+    upkeep: Option<Action>,
+}
+
+impl Extension {
+    pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
+        Self {
+            settings,
+            boot,
+            booted: now,
+            boot_faults_cleared: false,
+            owed: Deque::new(),
+            upkeep: None,
+        }
+    }
+
+    /// The settings in force.
+    pub(super) fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Whether an answer waits.
+    pub(super) fn owes(&self) -> bool {
+        !self.owed.is_empty()
+    }
+
+    /// The answer that has waited longest; it counts as given.
+    pub(super) fn next(&mut self) -> Option<Owed> {
+        self.owed.pop_front()
+    }
+
+    /// Notes an answer; whether there was room for it.
+    pub(super) fn owe(&mut self, answer: Owed) -> bool {
+        self.owed.push_back(answer).is_ok()
+    }
+
+    /// Carries out a request for anything but health, which is a stream: what is to be answered,
+    /// if it is known yet, and what is asked of the board.
+    pub(super) fn respond(&mut self, request: Asked<'_>) -> (Option<Owed>, Option<Request>) {
+        match request {
+            Asked::Setting(number) if self.settings.describe(number).is_none() => {
+                let asked = number.to_le_bytes();
+                let verdict = Verdict::NoSuchSetting;
+                let outcome = Outcome::of(extension::did::SETTING, &asked, verdict);
+                (Some(Owed::Outcome(Outcome { setting: number, ..outcome })), None)
+            }
+            Asked::Setting(number) => (Some(Owed::Setting(number)), None),
+            Asked::Identity => (Some(Owed::Identity), None),
+            Asked::Counters => (Some(Owed::Counters), None),
+            Asked::Fault(place) => (Some(Owed::Fault(place)), None),
+            Asked::Health(_) => (None, None),
+            Asked::Set(assignments) => self.set(assignments),
+            Asked::Do(action) => self.act(action),
+        }
+    }
+
+    /// Sets all of them or none, here and in the controller.
+    fn set(&mut self, assignments: Assignments<'_>) -> (Option<Owed>, Option<Request>) {
+        let outcome = Outcome::of(did::PARAMETERS, assignments.as_bytes(), Verdict::Done);
+        let mut settings = self.settings;
+        let set = assignments
+            .iter()
+            .try_for_each(|(number, value)| settings.set(number, value))
+            .and_then(|()| settings.check());
+        let (verdict, setting) = match set {
+            Ok(()) => {
+                self.settings = settings;
+                return (Some(Owed::Outcome(outcome)), Some(Request::Control(self.adopt())));
+            }
+            Err(SettingRefused::NoSuchSetting(number)) => (Verdict::NoSuchSetting, number),
+            Err(SettingRefused::OutOfRange(number)) => (Verdict::OutOfRange, number),
+            Err(SettingRefused::Contradiction(number)) => (Verdict::Contradiction, number),
+        };
+        (Some(Owed::Outcome(Outcome { verdict, setting, ..outcome })), None)
+    }
+
+    /// The command that makes the controller's settings those in force here.
+    fn adopt(&self) -> Command {
+        Command::Configure(Configuration::of_settings(self.settings.control))
+    }
+
+    fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
+        let upkeep = match action {
+            Action::ClearFaults => {
+                self.boot_faults_cleared = true;
+                return (Some(Owed::Outcome(Outcome::of_action(action, Verdict::Done))), None);
+            }
+            _ if self.upkeep.is_some() => {
+                return (Some(Owed::Outcome(Outcome::of_action(action, Verdict::Busy))), None);
+            }
+            Action::Save => Upkeep::Save(self.settings),
+            Action::FactoryReset => Upkeep::Save(Settings::DEFAULT),
+            Action::Reboot => Upkeep::Start(Program::Firmware),
+            Action::RebootIntoDfu => Upkeep::Start(Program::DfuLoader),
+        };
+        self.upkeep = Some(action);
+        (None, Some(Request::Upkeep(upkeep)))
+    }
+
+    /// What came of the upkeep: the answer to it, and what is asked of the controller.
+    pub(super) fn done(
+        &mut self,
+        result: Result<(), UpkeepRefused>,
+    ) -> (Option<Owed>, Option<Command>) {
+        let Some(action) = self.upkeep.take() else { return (None, None) };
+        let verdict = match result {
+            Ok(()) => Verdict::Done,
+            Err(UpkeepRefused::OutputsOn) => Verdict::OutputsOn,
+            Err(UpkeepRefused::NotAvailable) => Verdict::NotAvailable,
+            Err(UpkeepRefused::FlashFailed) => Verdict::FlashFailed,
+        };
+        let command = (action == Action::FactoryReset && result.is_ok()).then(|| {
+            self.settings = Settings::DEFAULT;
+            self.adopt()
+        });
+        (Some(Owed::Outcome(Outcome::of_action(action, verdict))), command)
+    }
+
+    /// An answer as it is now; `None` for a setting that is none.
+    pub(super) fn answer(
+        &self,
+        owed: Owed,
+        snapshot: &Snapshot,
+        link: &LinkCounters,
+    ) -> Option<Answer<'static>> {
+        Some(match owed {
+            Owed::Setting(number) => Answer::Setting(self.settings.describe(number)?),
+            Owed::Identity => Answer::Identity(Identity {
+                version: FIRMWARE,
+                extension: VERSION,
+                reset: self.boot.reset,
+                settings: self.boot.settings,
+            }),
+            Owed::Counters => Answer::Counters(counters(link, snapshot)),
+            Owed::Fault(place) => {
+                let faults = self.faults(snapshot);
+                Answer::Fault(Latched {
+                    place,
+                    total: faults.len() as u8, // FAULTS at the most
+                    record: faults.get(usize::from(place)).copied(),
+                })
+            }
+            Owed::Outcome(outcome) => Answer::Outcome(outcome),
+        })
+    }
+
+    /// How the board is now.
+    pub(super) fn health(&self, now: Instant, snapshot: &Snapshot) -> Answer<'static> {
+        Answer::Health(Health {
+            uptime_ms: (now - self.booted).as_millis() as u32, // wraps, as documented
+            worst_latency_us: snapshot.worst_latency_us,
+            stack_used: (self.boot.stack_used)(),
+            faults: self.faults(snapshot).len() as u8, // FAULTS at the most
+        })
+    }
+
+    /// The latched faults: those of the start, and what the controller knows.
+    fn faults(&self, snapshot: &Snapshot) -> Vec<FaultRecord, FAULTS> {
+        let record = |fault| FaultRecord { fault, channel: None, uptime_ms: 0, values: [0; 3] };
+        let is_corrupt = self.boot.settings == Origin::Corrupt && !self.boot_faults_cleared;
+        let was_watchdog = self.boot.reset == ResetCause::Watchdog && !self.boot_faults_cleared;
+        [
+            (is_corrupt, Fault::SettingsCorrupt),
+            (was_watchdog, Fault::WatchdogReset),
+            (snapshot.link_loss, Fault::LinkLoss),
+        ]
+        .into_iter()
+        .filter(|(is_latched, _)| *is_latched)
+        .map(|(_, fault)| record(fault))
+        .collect()
+    }
+}
+
+/// The firmware's version.
+const FIRMWARE: [u8; 3] = [
+    version(env!("CARGO_PKG_VERSION_MAJOR")),
+    version(env!("CARGO_PKG_VERSION_MINOR")),
+    version(env!("CARGO_PKG_VERSION_PATCH")),
+];
+
+const fn version(number: &str) -> u8 {
+    match u8::from_str_radix(number, 10) {
+        Ok(number) => number,
+        Err(_) => panic!("each part of the version fits a byte"), // when it is compiled
+    }
+}
+
+fn counters(link: &LinkCounters, snapshot: &Snapshot) -> Counters {
+    Counters {
+        frames_ok: link.frames_ok,
+        bad_frames: link.bad_frames,
+        bytes_skipped: link.bytes_skipped,
+        frames_for_us: link.frames_for_us,
+        not_for_us: link.not_for_us,
+        unknown: link.unknown,
+        refused: link.refused,
+        acks_sent: link.acks_sent,
+        acks_dropped: link.acks_dropped,
+        telemetry_sent: link.telemetry_sent,
+        telemetry_skipped: link.telemetry_skipped,
+        pings_sent: link.pings_sent,
+        pictures_dropped: link.pictures_dropped,
+        line_errors: link.line_errors,
+        answers_sent: link.answers_sent,
+        answers_dropped: link.answers_dropped,
+        commands_refused: snapshot.counters.refused,
+        links_lost: snapshot.counters.links_lost,
+    }
+}

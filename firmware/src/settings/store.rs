@@ -1,0 +1,254 @@
+//! Settings that survive: a log of records in flash, of which the last good one counts.
+//!
+//! Vocabulary: a *record* is all [numbered](super::table) settings as one item of `sequential-storage`'s map, whose CRC-32
+//! covers every byte of it; a *sector* is what is erased at once.
+//!
+//! Promises, whenever power is lost (`hal-mock`'s tests try every byte of a save and of an erase):
+//! - the next boot has what was saved before or what was being saved, whole;
+//! - flash that is empty, torn or foreign means defaults, and [`Origin`] says which it was;
+//! - a save erases one sector at the most, and none in all but one of some hundred saves: a record
+//!   is appended to its sector, and the next sector was erased when this one was begun. Only
+//!   damaged flash takes more.
+//!
+//! The flash blocks, and so does everything here: nothing awaits, and `block_on` never waits.
+//!
+//! Numbers that a record does not name have their defaults, and numbers that this firmware does
+//! not know are left out, so that settings outlive a change of the firmware either way.
+
+use core::ops::Range;
+
+use embassy_futures::block_on;
+use embedded_storage::nor_flash::{ErrorType, NorFlash};
+use embedded_storage_async::nor_flash as asynchronous;
+use protocol::pms5005::extension::Origin;
+use sequential_storage::cache::key_pointers::ArrayKeyPointers;
+use sequential_storage::cache::{Cache, Uncached};
+use sequential_storage::map::{MapConfig, MapStorage};
+
+use super::Settings;
+use super::table::NUMBERS;
+use crate::fmt::warning;
+
+/// What a record begins with: whose it is, and how it is laid out.
+const HEADER: [u8; 5] = *b"OMSC\x01";
+/// Bytes of one setting: number and value.
+const ENTRY: usize = 6;
+/// Room for the longest record, this firmware's or a newer one's.
+const RECORD: usize = 512;
+/// The key of the only item.
+const KEY: u8 = 0;
+
+const _: () = assert!(HEADER.len() + ENTRY * NUMBERS.len() < RECORD);
+
+/// Why settings were not saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SaveFailed;
+
+/// Some sectors of a flash, two at least.
+pub struct Store<F> {
+    flash: F,
+    range: Range<u32>,
+}
+
+impl<F: NorFlash> Store<F> {
+    /// The store in these bytes of the flash: whole sectors, two at least.
+    pub const fn new(flash: F, range: Range<u32>) -> Self {
+        Self { flash, range }
+    }
+
+    /// What was saved last, and whether that is what it is. It may finish an erase that was
+    /// interrupted, and calls `feed` before each that it begins.
+    pub fn load(&mut self, feed: impl FnMut()) -> (Settings, Origin) {
+        let was_empty = self.is_empty();
+        match self.fetch(feed) {
+            Some(settings) => (settings, Origin::Stored),
+            None if was_empty => (Settings::DEFAULT, Origin::Defaults),
+            None => {
+                warning!("the stored settings are damaged: defaults");
+                (Settings::DEFAULT, Origin::Corrupt)
+            }
+        }
+    }
+
+    /// Saves settings, and reads them back. `feed` is called before each erase.
+    ///
+    /// # Errors
+    /// [`SaveFailed`]: the flash does not take them.
+    pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
+        if self.append(settings, &mut feed) {
+            return Ok(());
+        }
+        // Nothing readable is lost: while there was a record, the map took another one.
+        if self.fetch(&mut feed).is_none() {
+            let (start, end) = (self.range.start, self.range.end);
+            let erased = block_on(asynchronous::NorFlash::erase(
+                &mut Fed { flash: &mut self.flash, feed: &mut feed },
+                start,
+                end,
+            ));
+            if erased.is_ok() && self.append(settings, &mut feed) {
+                return Ok(());
+            }
+        }
+        Err(SaveFailed)
+    }
+
+    /// Whether a record was written and can be read.
+    fn append(&mut self, settings: &Settings, feed: &mut impl FnMut()) -> bool {
+        let mut record = [0; RECORD];
+        let Some(record) = write(settings, &mut record) else { return false };
+        let mut buffer = [0; RECORD];
+        let stored = match map(&mut self.flash, &self.range, feed) {
+            Some(mut map) => block_on(map.store_item(&mut buffer, &KEY, &record)).is_ok(),
+            None => false,
+        };
+        stored && self.fetch(feed).is_some_and(|stored| stored.iter().eq(settings.iter()))
+    }
+
+    /// The last good record, if it is one of ours.
+    fn fetch(&mut self, mut feed: impl FnMut()) -> Option<Settings> {
+        let mut buffer = [0; RECORD];
+        let mut map = map(&mut self.flash, &self.range, &mut feed)?;
+        let record = block_on(map.fetch_item::<&[u8]>(&mut buffer, &KEY)).ok()??;
+        read(record)
+    }
+
+    fn is_empty(&mut self) -> bool {
+        let mut buffer = [0; 64];
+        let mut at = self.range.start;
+        while at < self.range.end {
+            let read = self.flash.read(at, &mut buffer);
+            if read.is_err() || buffer.iter().any(|&byte| byte != 0xFF) {
+                return false;
+            }
+            at = at.saturating_add(buffer.len() as u32);
+        }
+        true
+    }
+}
+
+/// The map. It remembers where the record is for as long as a call lasts: without that a save which
+/// begins a sector would read all records once for each.
+type Map<'a, F, W> =
+    MapStorage<u8, Fed<'a, F, W>, Cache<Uncached, Uncached, ArrayKeyPointers<u8, 1>, u8>>;
+
+/// The map over the flash; `None` if the range is no two sectors.
+fn map<'a, F: NorFlash, W: FnMut()>(
+    flash: &'a mut F,
+    range: &Range<u32>,
+    feed: &'a mut W,
+) -> Option<Map<'a, F, W>> {
+    let config = MapConfig::try_new(range.clone()).ok()?;
+    let cache = Cache::new(Uncached, Uncached, ArrayKeyPointers::new());
+    Some(MapStorage::new(Fed { flash, feed }, config, cache))
+}
+
+/// The flash as the map wants it, with a watchdog that is fed before each sector's erase.
+struct Fed<'a, F, W> {
+    flash: &'a mut F,
+    feed: &'a mut W,
+}
+
+impl<F: NorFlash, W: FnMut()> ErrorType for Fed<'_, F, W> {
+    type Error = F::Error;
+}
+
+impl<F: NorFlash, W: FnMut()> asynchronous::ReadNorFlash for Fed<'_, F, W> {
+    const READ_SIZE: usize = F::READ_SIZE;
+
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
+        self.flash.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.flash.capacity()
+    }
+}
+
+impl<F: NorFlash, W: FnMut()> asynchronous::NorFlash for Fed<'_, F, W> {
+    const WRITE_SIZE: usize = F::WRITE_SIZE;
+    const ERASE_SIZE: usize = F::ERASE_SIZE;
+
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), F::Error> {
+        for sector in (from..to).step_by(F::ERASE_SIZE) {
+            (self.feed)();
+            self.flash.erase(sector, sector.saturating_add(F::ERASE_SIZE as u32))?;
+        }
+        Ok(())
+    }
+
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), F::Error> {
+        self.flash.write(offset, bytes)
+    }
+}
+
+/// Writes a record into `out` and answers the part it took.
+fn write<'b>(settings: &Settings, out: &'b mut [u8; RECORD]) -> Option<&'b [u8]> {
+    let (header, entries) = out.split_first_chunk_mut()?;
+    *header = HEADER;
+    let (entries, _) = entries.as_chunks_mut::<ENTRY>();
+    for (entry, (number, value)) in entries.iter_mut().zip(settings.iter()) {
+        let ([n0, n1], [v0, v1, v2, v3]) = (number.to_le_bytes(), value.to_le_bytes());
+        *entry = [n0, n1, v0, v1, v2, v3];
+    }
+    out.get(..HEADER.len() + ENTRY * NUMBERS.len())
+}
+
+/// Reads a record; `None` if it is not ours, or holds what could never have been saved.
+fn read(record: &[u8]) -> Option<Settings> {
+    let (entries, rest) = record.strip_prefix(&HEADER)?.as_chunks::<ENTRY>();
+    let mut settings = Settings::DEFAULT;
+    for &[n0, n1, v0, v1, v2, v3] in entries {
+        let number = u16::from_le_bytes([n0, n1]);
+        if NUMBERS.contains(&number) {
+            settings.set(number, i32::from_le_bytes([v0, v1, v2, v3])).ok()?;
+        }
+    }
+    (rest.is_empty() && settings.check().is_ok()).then_some(settings)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unlike_the_defaults() -> Settings {
+        let mut settings = Settings::DEFAULT;
+        for (number, value) in Settings::DEFAULT.iter() {
+            let (low, high) = settings.describe(number).unwrap().range;
+            settings.set(number, if value == high { low } else { value + 1 }).unwrap();
+        }
+        settings
+    }
+
+    #[test]
+    fn a_record_reads_back_as_it_was_written() {
+        for settings in [Settings::DEFAULT, unlike_the_defaults()] {
+            let mut buffer = [0; RECORD];
+            assert_eq!(read(write(&settings, &mut buffer).unwrap()), Some(settings));
+        }
+    }
+
+    #[test]
+    fn a_record_of_another_firmware_keeps_what_both_know() {
+        let entries = [[32, 0, 20, 0, 0, 0], [0xE7, 3, 1, 2, 3, 4]]; // 32, and 999 of the future
+        let record = [&HEADER[..], entries.as_flattened()].concat();
+        let mut expected = Settings::DEFAULT;
+        expected.set(32, 20).unwrap();
+        assert_eq!(read(&record), Some(expected));
+    }
+
+    #[test]
+    fn a_record_that_was_never_saved_is_not_read() {
+        let mut buffer = [0; RECORD];
+        let good = write(&Settings::DEFAULT, &mut buffer).unwrap().to_vec();
+        assert_eq!(read(&good[..good.len() - 1]), None);
+        assert_eq!(read(&[]), None);
+        let mut foreign = good.clone();
+        foreign[4] = 2; // another layout
+        assert_eq!(read(&foreign), None);
+        let mut out_of_range = good;
+        out_of_range[HEADER.len() + 5] = 0x7F;
+        assert_eq!(read(&out_of_range), None);
+    }
+}

@@ -1,0 +1,507 @@
+//! What the board tells through the extension (Table E.2), both directions.
+
+use super::super::command::{Channel, Refusal, append};
+use super::super::did as manual;
+use super::super::frame::{Data, EncodeError, Frame, RES_NO_ACK, RID_HOST};
+use super::super::report::Reader;
+use super::did;
+use super::fault::{Fault, FaultRecord};
+
+/// A number of the wire that stands for one of these.
+macro_rules! codes {
+    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:literal])+ $variant:ident = $code:literal,)+ }) => {
+        $(#[doc = $doc])+
+        ///
+        /// | code | meaning |
+        /// |---|---|
+        $(#[doc = concat!("| ", $code, " | ", $($what,)+ " |")])+
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        pub enum $name { $($(#[doc = $what])+ $variant = $code,)+ }
+
+        impl $name {
+            /// Its code on the wire.
+            pub const fn code(self) -> u8 {
+                self as u8
+            }
+
+            /// What a code stands for.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$variant),)+
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+codes! {
+    /// What a setting's value counts (byte 21 of DID 96).
+    Unit {
+        /// A choice among numbered things.
+        Choice = 0,
+        /// 0 is no, 1 is yes.
+        Flag = 1,
+        /// Bit 0 is the first of several.
+        Bits = 2,
+        /// Milliseconds.
+        Milliseconds = 3,
+        /// Centimetres.
+        Centimetres = 4,
+        /// A/D counts, as in the telemetry.
+        AdCounts = 5,
+        /// Counts of a position sensor.
+        Counts = 6,
+        /// Counts of a position sensor per second.
+        CountsPerSecond = 7,
+        /// Drive in 1/16384 of full drive.
+        Duty = 8,
+        /// Microseconds.
+        Microseconds = 9,
+    }
+}
+
+codes! {
+    /// Why the board has started (byte 5 of DID 97).
+    ResetCause {
+        /// Not known.
+        Unknown = 0,
+        /// Power came on, or came back.
+        Power = 1,
+        /// The reset pin.
+        Pin = 2,
+        /// The program restarted itself.
+        Software = 3,
+        /// The watchdog: a task had hung, or the program had failed.
+        Watchdog = 4,
+    }
+}
+
+codes! {
+    /// Where the settings come from (byte 6 of DID 97).
+    Origin {
+        /// Nothing was ever saved: the defaults.
+        Defaults = 0,
+        /// What was saved.
+        Stored = 1,
+        /// What was stored is damaged or foreign: the defaults, and fault 25.
+        Corrupt = 2,
+    }
+}
+
+codes! {
+    /// What came of a request (byte 3 of DID 101).
+    Verdict {
+        /// Done.
+        Done = 0,
+        /// No such DID or sub-command in this version of the extension.
+        Unknown = 1,
+        /// DATA fits no form of the request.
+        BadLength = 2,
+        /// No setting has this number.
+        NoSuchSetting = 3,
+        /// The value is out of this setting's range.
+        OutOfRange = 4,
+        /// The value contradicts another setting's.
+        Contradiction = 5,
+        /// A motor or a servo is on: suspend them first (DID 30).
+        OutputsOn = 6,
+        /// Another request of the kind is being carried out.
+        Busy = 7,
+        /// This board cannot do it.
+        NotAvailable = 8,
+        /// The flash memory failed; what was saved before is still there.
+        FlashFailed = 9,
+    }
+}
+
+impl From<Refusal> for Verdict {
+    /// The verdict on a frame of the extension that could not be read.
+    fn from(refusal: Refusal) -> Self {
+        match refusal {
+            Refusal::UnknownDid(_) | Refusal::UnknownSubCommand(_) => Self::Unknown,
+            Refusal::Length { .. } => Self::BadLength,
+            Refusal::NoSuchChannel(_) | Refusal::RepeatedChannel(_) | Refusal::Value { .. } => {
+                Self::OutOfRange
+            }
+        }
+    }
+}
+
+/// A setting, told in full (DID 96).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Description<'a> {
+    /// Its number.
+    pub number: u16,
+    /// The next setting's, `None` behind the last.
+    pub next: Option<u16>,
+    /// Its value.
+    pub value: i32,
+    /// Its lowest and its highest value.
+    pub range: (i32, i32),
+    /// Its value until a host says otherwise.
+    pub default: i32,
+    /// What the values count.
+    pub unit: Unit,
+    /// Its name: ASCII, [`Self::LONGEST_NAME`] bytes at most.
+    pub name: &'a str,
+}
+
+impl Description<'_> {
+    /// Bytes of the longest name.
+    pub const LONGEST_NAME: usize = 24;
+}
+
+/// Who the board is (DID 97).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Identity {
+    /// The firmware's version: major, minor, patch.
+    pub version: [u8; 3],
+    /// The extension's version.
+    pub extension: u8,
+    /// Why the board has started.
+    pub reset: ResetCause,
+    /// Where its settings come from.
+    pub settings: Origin,
+}
+
+/// How the board is (DID 98).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Health {
+    /// ms since it has started; wraps.
+    pub uptime_ms: u32,
+    /// Worst control latency since then, in microseconds.
+    pub worst_latency_us: u16,
+    /// The most stack that was ever used, in bytes; 0 is unknown.
+    pub stack_used: u16,
+    /// Latched faults.
+    pub faults: u8,
+}
+
+/// Everything that a board counts (DID 99), in the order of the wire. The counters wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Counters {
+    /// Intact frames, whoever they were for.
+    pub frames_ok: u32,
+    /// Frames that began well and were damaged.
+    pub bad_frames: u32,
+    /// Bytes that were part of no intact frame.
+    pub bytes_skipped: u32,
+    /// Intact frames for this board.
+    pub frames_for_us: u32,
+    /// Intact frames for other devices.
+    pub not_for_us: u32,
+    /// Frames with a DID that is not known.
+    pub unknown: u32,
+    /// Frames refused for their values or their length.
+    pub refused: u32,
+    /// Acknowledgements sent.
+    pub acks_sent: u32,
+    /// Acknowledgements that found no room to wait.
+    pub acks_dropped: u32,
+    /// Telemetry frames sent.
+    pub telemetry_sent: u32,
+    /// Telemetry frames skipped because the line was busy.
+    pub telemetry_skipped: u32,
+    /// Pings sent.
+    pub pings_sent: u32,
+    /// Pictures that found no room to wait.
+    pub pictures_dropped: u32,
+    /// Errors that the line itself reported.
+    pub line_errors: u32,
+    /// Answers of the extension sent.
+    pub answers_sent: u32,
+    /// Answers of the extension that found no room to wait.
+    pub answers_dropped: u32,
+    /// Commands refused by the controller.
+    pub commands_refused: u32,
+    /// Times the host fell silent.
+    pub links_lost: u32,
+}
+
+impl Counters {
+    /// How many there are.
+    const COUNT: usize = 18;
+
+    fn words(&self) -> [u32; Self::COUNT] {
+        [
+            self.frames_ok,
+            self.bad_frames,
+            self.bytes_skipped,
+            self.frames_for_us,
+            self.not_for_us,
+            self.unknown,
+            self.refused,
+            self.acks_sent,
+            self.acks_dropped,
+            self.telemetry_sent,
+            self.telemetry_skipped,
+            self.pings_sent,
+            self.pictures_dropped,
+            self.line_errors,
+            self.answers_sent,
+            self.answers_dropped,
+            self.commands_refused,
+            self.links_lost,
+        ]
+    }
+
+    fn from_words(words: [u32; Self::COUNT]) -> Self {
+        let [
+            frames_ok,
+            bad_frames,
+            bytes_skipped,
+            frames_for_us,
+            not_for_us,
+            unknown,
+            refused,
+            acks_sent,
+            acks_dropped,
+            telemetry_sent,
+            telemetry_skipped,
+            pings_sent,
+            pictures_dropped,
+            line_errors,
+            answers_sent,
+            answers_dropped,
+            commands_refused,
+            links_lost,
+        ] = words;
+        Self {
+            frames_ok,
+            bad_frames,
+            bytes_skipped,
+            frames_for_us,
+            not_for_us,
+            unknown,
+            refused,
+            acks_sent,
+            acks_dropped,
+            telemetry_sent,
+            telemetry_skipped,
+            pings_sent,
+            pictures_dropped,
+            line_errors,
+            answers_sent,
+            answers_dropped,
+            commands_refused,
+            links_lost,
+        }
+    }
+}
+
+/// A place in the list of latched faults (DID 100).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Latched {
+    /// The place, from 0.
+    pub place: u8,
+    /// How many there are.
+    pub total: u8,
+    /// What is there; `None` when the place is not below `total`.
+    pub record: Option<FaultRecord>,
+}
+
+/// What came of a request (DID 101).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Outcome {
+    /// The request's DID.
+    pub did: u8,
+    /// The first byte of its DATA, 0 if it had none: DID 7's sub-command.
+    pub first: u8,
+    /// What came of it.
+    pub verdict: Verdict,
+    /// The setting that it is about, 0 if none.
+    pub setting: u16,
+}
+
+/// A frame of the extension from the board (Table E.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Answer<'a> {
+    /// DID 96.
+    Setting(Description<'a>),
+    /// DID 97.
+    Identity(Identity),
+    /// DID 98.
+    Health(Health),
+    /// DID 99.
+    Counters(Counters),
+    /// DID 100.
+    Fault(Latched),
+    /// DID 101.
+    Outcome(Outcome),
+}
+
+/// Byte 4 of DID 100 for a fault of the board.
+const NO_CHANNEL: u8 = 255;
+
+impl<'a> Answer<'a> {
+    /// Bytes of the longest: the counters.
+    pub const MAX_FRAME: usize = super::super::OVERHEAD + 4 * Counters::COUNT;
+
+    /// Its DID.
+    pub fn did(&self) -> u8 {
+        match self {
+            Self::Setting(_) => did::SETTING,
+            Self::Identity(_) => did::IDENTITY,
+            Self::Health(_) => did::HEALTH,
+            Self::Counters(_) => did::COUNTERS,
+            Self::Fault(_) => did::FAULT,
+            Self::Outcome(_) => did::OUTCOME,
+        }
+    }
+
+    /// Writes the whole frame (RID 0, RES 255) into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`]; [`EncodeError::NotRepresentable`] for a setting without
+    /// number or with a name that is too long, and for a fault record that is missing below
+    /// `total` or there beyond it.
+    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+        let mut data = Data::new();
+        self.emit(&mut data)?;
+        Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data }.encode(out)
+    }
+
+    fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+        match self {
+            Self::Setting(setting) => {
+                let representable = setting.number != 0
+                    && setting.next != Some(0)
+                    && setting.name.is_ascii()
+                    && setting.name.len() <= Description::LONGEST_NAME;
+                if !representable {
+                    return Err(EncodeError::NotRepresentable);
+                }
+                append(data, &setting.number.to_le_bytes())?;
+                append(data, &setting.next.unwrap_or(0).to_le_bytes())?;
+                let (low, high) = setting.range;
+                for value in [setting.value, low, high, setting.default] {
+                    append(data, &value.to_le_bytes())?;
+                }
+                append(data, &[setting.unit.code()])?;
+                append(data, setting.name.as_bytes())
+            }
+            Self::Identity(identity) => {
+                append(data, &identity.version)?;
+                append(data, &[identity.extension, identity.reset.code(), identity.settings.code()])
+            }
+            Self::Health(health) => {
+                append(data, &health.uptime_ms.to_le_bytes())?;
+                append(data, &health.worst_latency_us.to_le_bytes())?;
+                append(data, &health.stack_used.to_le_bytes())?;
+                append(data, &[health.faults])
+            }
+            Self::Counters(counters) => {
+                counters.words().iter().try_for_each(|counter| append(data, &counter.to_le_bytes()))
+            }
+            Self::Fault(latched) => {
+                if latched.record.is_some() != (latched.place < latched.total) {
+                    return Err(EncodeError::NotRepresentable);
+                }
+                append(data, &[latched.place, latched.total])?;
+                latched.record.as_ref().map_or(Ok(()), |record| emit_record(record, data))
+            }
+            Self::Outcome(outcome) => {
+                append(data, &[outcome.did, outcome.first, outcome.verdict.code()])?;
+                append(data, &outcome.setting.to_le_bytes())
+            }
+        }
+    }
+
+    /// Reads DID and DATA of an intact frame. `None` if it is no answer of the extension.
+    pub fn parse(did: u8, data: &'a [u8]) -> Option<Self> {
+        let mut fields = Reader::new(data);
+        let answer = match did {
+            did::SETTING => {
+                let [number, next] = fields.words()?;
+                let [value, low, high, default] = [(); 4].map(|()| fields.number());
+                let unit = fields.code(Unit::from_code)?;
+                let name = core::str::from_utf8(fields.rest()).ok()?;
+                if number == 0 || name.len() > Description::LONGEST_NAME || !name.is_ascii() {
+                    return None;
+                }
+                Self::Setting(Description {
+                    number,
+                    next: Some(next).filter(|&next| next != 0),
+                    value: value?,
+                    range: (low?, high?),
+                    default: default?,
+                    unit,
+                    name,
+                })
+            }
+            did::IDENTITY => {
+                let [major, minor, patch, extension] = fields.bytes()?;
+                Self::Identity(Identity {
+                    version: [major, minor, patch],
+                    extension,
+                    reset: fields.code(ResetCause::from_code)?,
+                    settings: fields.code(Origin::from_code)?,
+                })
+            }
+            did::HEALTH => {
+                let uptime_ms = u32::from_le_bytes(fields.bytes()?);
+                let [worst_latency_us, stack_used] = fields.words()?;
+                let [faults] = fields.bytes()?;
+                Self::Health(Health { uptime_ms, worst_latency_us, stack_used, faults })
+            }
+            did::COUNTERS => {
+                let mut words = [0; Counters::COUNT];
+                for word in &mut words {
+                    *word = u32::from_le_bytes(fields.bytes()?);
+                }
+                Self::Counters(Counters::from_words(words))
+            }
+            did::FAULT => {
+                let [place, total] = fields.bytes()?;
+                let record = if place < total { Some(read_record(&mut fields)?) } else { None };
+                Self::Fault(Latched { place, total, record })
+            }
+            did::OUTCOME => {
+                let [did, first] = fields.bytes()?;
+                let verdict = fields.code(Verdict::from_code)?;
+                Self::Outcome(Outcome { did, first, verdict, setting: fields.word()? })
+            }
+            _ => return None,
+        };
+        fields.rest().is_empty().then_some(answer)
+    }
+}
+
+impl Outcome {
+    /// What came of the request with this DID and DATA.
+    pub fn of(did: u8, data: &[u8], verdict: Verdict) -> Self {
+        Self { did, first: data.first().copied().unwrap_or(0), verdict, setting: 0 }
+    }
+
+    /// What came of a sub-command of DID 7.
+    pub fn of_action(action: super::Action, verdict: Verdict) -> Self {
+        Self::of(manual::PARAMETERS, &[action.number()], verdict)
+    }
+}
+
+fn emit_record(record: &FaultRecord, data: &mut Data) -> Result<(), EncodeError> {
+    let channel = record.channel.map_or(NO_CHANNEL, Channel::number);
+    append(data, &[record.fault.number(), channel])?;
+    append(data, &record.uptime_ms.to_le_bytes())?;
+    record.values.iter().try_for_each(|value| append(data, &value.to_le_bytes()))
+}
+
+fn read_record(fields: &mut Reader<'_>) -> Option<FaultRecord> {
+    let fault = fields.code(Fault::from_number)?;
+    let channel = match fields.bytes()? {
+        [NO_CHANNEL] => None,
+        [number] => Some(Channel::new(number)?),
+    };
+    let uptime_ms = u32::from_le_bytes(fields.bytes()?);
+    let values = fields.words::<3>()?.map(u16::cast_signed);
+    Some(FaultRecord { fault, channel, uptime_ms, values })
+}

@@ -1,0 +1,95 @@
+//! What can go wrong: numbers that never change, and what is told of each.
+//!
+//! A fault is *latched*: it stays in the list, with the values of the moment it tripped, until the
+//! host clears it. Readings are A/D counts as in the telemetry.
+
+use super::super::command::Channel;
+
+/// A fault's number, and the names of the values that are told with it.
+macro_rules! faults {
+    ($($(#[doc = $doc:literal])+ $name:ident = $number:literal, [$($value:literal),*];)+) => {
+        /// What has gone wrong (byte 3 of DID 100, and the values of its bytes 9 to 14).
+        ///
+        /// | number | fault | values |
+        /// |---|---|---|
+        $(#[doc = concat!(
+            "| ", $number, " | ", $($doc,)+ " | " $(, $value, "; ")*, " |"
+        )])+
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        pub enum Fault {
+            $($(#[doc = $doc])+ $name = $number,)+
+        }
+
+        impl Fault {
+            /// All of them, in the order of their numbers.
+            pub const ALL: &[Self] = &[$(Self::$name),+];
+
+            /// The names and units of the values that are told with it, as many as it has.
+            pub const fn values(self) -> &'static [&'static str] {
+                match self {
+                    $(Self::$name => &[$($value),*],)+
+                }
+            }
+        }
+    };
+}
+
+faults! {
+    /// A channel's motor draws too much.
+    OverCurrent = 1, ["current (A/D)", "duty (1/16384)", "position (counts)"];
+    /// A channel is driven and does not turn.
+    Stall = 2, ["current (A/D)", "duty (1/16384)", "position (counts)"];
+    /// A channel does not follow its set-point.
+    TrackingError = 3, ["error (counts)", "duty (1/16384)", "position (counts)"];
+    /// A channel's sensor says what cannot be.
+    SensorLost = 4, ["position (counts)", "duty (1/16384)", "last good position (counts)"];
+    /// The motors' battery is low.
+    MotorBatteryLow = 16, ["battery (A/D)"];
+    /// The motors' battery is too high.
+    MotorBatteryHigh = 17, ["battery (A/D)"];
+    /// The servos' battery is low.
+    ServoBatteryLow = 18, ["battery (A/D)"];
+    /// The main board's battery is low.
+    MainBatteryLow = 19, ["battery (A/D)"];
+    /// A motor driver board is too hot.
+    DriverTooHot = 20, ["driver 1 (A/D)", "driver 2 (A/D)"];
+    /// The surroundings are too hot.
+    AmbientTooHot = 21, ["temperature (A/D)"];
+    /// The host has fallen silent.
+    LinkLoss = 22, ["silence (ms)"];
+    /// A control period began too late.
+    PeriodMissed = 23, ["latency (us)"];
+    /// Bytes of the host were lost.
+    ReceiveOverrun = 24, ["errors of the line"];
+    /// The stored settings were damaged or foreign: the board runs on defaults.
+    SettingsCorrupt = 25, [];
+    /// The watchdog has restarted the board.
+    WatchdogReset = 26, [];
+}
+
+impl Fault {
+    /// Its number on the wire.
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+
+    /// The fault of this number.
+    pub fn from_number(number: u8) -> Option<Self> {
+        Self::ALL.iter().copied().find(|fault| fault.number() == number)
+    }
+}
+
+/// A fault that has tripped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FaultRecord {
+    /// Which.
+    pub fault: Fault,
+    /// Of which channel; `None` is the board.
+    pub channel: Option<Channel>,
+    /// Uptime in ms when it tripped.
+    pub uptime_ms: u32,
+    /// What was true then: the values that [`Fault::values`] names, 0 beyond them.
+    pub values: [i16; 3],
+}

@@ -1,0 +1,99 @@
+//! What this implementation adds to the PMS5005's protocol: settings, health, faults, upkeep.
+//!
+//! All of it lies off the manual's map, in DIDs 96 to 111 and in DID 7's sub-commands from 0x80: a
+//! host that never sends one of them sees an original PMS5005. [`Request`] is what a host asks,
+//! [`Answer`] what the board tells; [`Fault`] numbers what can go wrong.
+//!
+//! Frames, checksums and acknowledgements are those of all other frames. Beyond the acknowledgement
+//! every request gets one answer (RID 0, RES 255), which is an [`Outcome`] where there is nothing to
+//! read; a refused one changes nothing, is counted as any refused frame is, and its outcome names
+//! the error. Words and numbers are sent low byte first; ranges are inclusive.
+//!
+//! # Table E.1: from host to board
+//! | DID | definition | DATA | answer |
+//! |---|---|---|---|
+//! | 7 | Set settings, all of them or none, in one control period | `[0x80 + number (2 bytes) + value (4 bytes)]+`, 36 of them at most | 101 |
+//! | 7 | Clear the latched faults | `0x81` | 101 |
+//! | 7 | Save the settings; only with all motors and servos off | `0x82` | 101, when it is done |
+//! | 7 | Factory reset: the defaults, in force and saved; only with all off | `0x83` | 101, when it is done |
+//! | 7 | Reboot; only with all off | `0x84` | 101, then the board restarts |
+//! | 7 | Reboot into the ROM's DFU loader; only with all off | `0x85` | 101, then the board restarts |
+//! | 96 | Read a setting | number (2 bytes) | 96 |
+//! | 97 | Who are you? | none | 97 |
+//! | 98 | Health | as DID 123: none is continuously, N is N times, 0 is stop | 98, with the period of telemetry |
+//! | 99 | Counters | none | 99 |
+//! | 100 | A latched fault | its place in the list (1 byte), from 0 | 100 |
+//!
+//! DID 7 is an extension's when DATA begins with 0x80 or above. Such a frame holds settings, or one
+//! of the other sub-commands alone; the manual's do not mix with them.
+//!
+//! # Table E.2: from board to host
+//! | DID | bytes | DATA |
+//! |---|---|---|
+//! | 96 | 1 to 2 | Number of the setting |
+//! | | 3 to 4 | Number of the next setting, 0 behind the last; asking for 0 yields the first |
+//! | | 5 to 8 | Value (signed) |
+//! | | 9 to 12, 13 to 16 | Lowest and highest value |
+//! | | 17 to 20 | Default |
+//! | | 21 | Unit ([`Unit`]) |
+//! | | 22 to the end | Name, ASCII, 24 bytes at most |
+//! | 97 | 1, 2, 3 | Version of the firmware: major, minor, patch |
+//! | | 4 | Version of this extension: 1 |
+//! | | 5 | Why the board has started ([`ResetCause`]) |
+//! | | 6 | Where its settings come from ([`Origin`]) |
+//! | 98 | 1 to 4 | Uptime in ms; wraps after 49 days |
+//! | | 5 to 6 | Worst control latency since boot in microseconds: from the tick that begins a control period until its outputs stand |
+//! | | 7 to 8 | Stack high-water mark: the most that was ever used, in bytes; 0 is unknown |
+//! | | 9 | Latched faults |
+//! | 99 | 1 to 72 | 18 counters of 4 bytes, in the order of [`Counters`]; they wrap |
+//! | 100 | 1 | Place in the list, as asked |
+//! | | 2 | Latched faults; when the place is not below it, nothing follows |
+//! | | 3 | Number of the fault ([`Fault`]) |
+//! | | 4 | Channel 0 to 5; 255 is the board |
+//! | | 5 to 8 | Uptime in ms when it tripped |
+//! | | 9 to 14 | Three values of 2 bytes (signed) from then, by the fault ([`Fault::values`]) |
+//! | 101 | 1 | DID of the request |
+//! | | 2 | First byte of its DATA, 0 if it had none |
+//! | | 3 | What came of it ([`Verdict`]) |
+//! | | 4 to 5 | Number of the setting that it is about, or 0 |
+//!
+//! Nothing here is a measured value that could give way: unlike telemetry, DATA may hold `5E 0D`.
+
+mod answer;
+mod fault;
+mod request;
+
+pub use answer::{
+    Answer, Counters, Description, Health, Identity, Latched, Origin, Outcome, ResetCause, Unit,
+    Verdict,
+};
+pub use fault::{Fault, FaultRecord};
+pub use request::{Action, Assignments, Request};
+
+/// The version of this extension that [`Identity`] tells.
+pub const VERSION: u8 = 1;
+
+/// Data IDs (Tables E.1 and E.2); the extension owns 96 to 111.
+pub mod did {
+    /// A setting.
+    pub const SETTING: u8 = 96;
+    /// Version and how the board has started.
+    pub const IDENTITY: u8 = 97;
+    /// Health.
+    pub const HEALTH: u8 = 98;
+    /// Counters.
+    pub const COUNTERS: u8 = 99;
+    /// A latched fault.
+    pub const FAULT: u8 = 100;
+    /// What came of a request.
+    pub const OUTCOME: u8 = 101;
+    /// The last DID of the extension.
+    pub const LAST: u8 = 111;
+}
+
+/// Whether a frame with this DID and DATA is the extension's, well formed or not.
+pub fn owns(did: u8, data: &[u8]) -> bool {
+    let is_sub_command =
+        did == super::did::PARAMETERS && data.first().is_some_and(|&sub| sub >= request::SET);
+    is_sub_command || (did::SETTING..=did::LAST).contains(&did)
+}

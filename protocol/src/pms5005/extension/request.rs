@@ -1,0 +1,158 @@
+//! What a host asks of the extension (Table E.1), both directions.
+
+use super::super::command::{Refusal, Repeat, append};
+use super::super::did as manual;
+use super::super::frame::{Data, EncodeError};
+use super::did;
+
+/// The sub-command of DID 7 that sets a setting; all from here on are the extension's.
+pub(super) const SET: u8 = 0x80;
+
+/// A host's request (Table E.1).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Request<'a> {
+    /// Set settings (DID 7, sub-command 80).
+    Set(Assignments<'a>),
+    /// Do something (DID 7, sub-commands 81 to 85).
+    Do(Action),
+    /// Read the setting of this number (DID 96).
+    Setting(u16),
+    /// Who are you? (DID 97)
+    Identity,
+    /// Tell the health, so often (DID 98).
+    Health(Repeat),
+    /// Read the counters (DID 99).
+    Counters,
+    /// Read the latched fault at this place (DID 100).
+    Fault(u8),
+}
+
+/// What a host can have done: a sub-command of DID 7 that stands alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Action {
+    /// Clear the latched faults.
+    ClearFaults = 0x81,
+    /// Save the settings.
+    Save = 0x82,
+    /// Back to the defaults, in force and saved.
+    FactoryReset = 0x83,
+    /// Restart the firmware.
+    Reboot = 0x84,
+    /// Start the ROM's DFU loader.
+    RebootIntoDfu = 0x85,
+}
+
+impl Action {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::ClearFaults, Self::Save, Self::FactoryReset, Self::Reboot, Self::RebootIntoDfu];
+
+    /// Its sub-command number.
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+}
+
+impl<'a> Request<'a> {
+    /// Reads DID and DATA of a frame that is the extension's; `None` if it is not.
+    pub(in super::super) fn parse(did: u8, data: &'a [u8]) -> Option<Result<Self, Refusal>> {
+        if !super::owns(did, data) {
+            return None;
+        }
+        Some(match (did, data) {
+            (manual::PARAMETERS, [SET, ..]) => Assignments::parse(data).map(Self::Set),
+            (manual::PARAMETERS, [number, rest @ ..]) => {
+                match Action::ALL.into_iter().find(|action| action.number() == *number) {
+                    Some(action) if rest.is_empty() => Ok(Self::Do(action)),
+                    Some(_) => Err(Refusal::Length { did, len: data.len() }),
+                    None => Err(Refusal::UnknownSubCommand(*number)),
+                }
+            }
+            (did::SETTING, &[low, high]) => Ok(Self::Setting(u16::from_le_bytes([low, high]))),
+            (did::IDENTITY, []) => Ok(Self::Identity),
+            (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first().copied()))),
+            (did::COUNTERS, []) => Ok(Self::Counters),
+            (did::FAULT, &[place]) => Ok(Self::Fault(place)),
+            (did::SETTING..=did::FAULT, _) => Err(Refusal::Length { did, len: data.len() }),
+            _ => Err(Refusal::UnknownDid(did)),
+        })
+    }
+
+    /// The DID that it has on the wire.
+    pub(in super::super) fn did(&self) -> u8 {
+        match self {
+            Self::Set(_) | Self::Do(_) => manual::PARAMETERS,
+            Self::Setting(_) => did::SETTING,
+            Self::Identity => did::IDENTITY,
+            Self::Health(_) => did::HEALTH,
+            Self::Counters => did::COUNTERS,
+            Self::Fault(_) => did::FAULT,
+        }
+    }
+
+    /// Appends DATA.
+    pub(in super::super) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+        match self {
+            Self::Set(assignments) => append(data, assignments.as_bytes()),
+            Self::Do(action) => append(data, &[action.number()]),
+            Self::Setting(number) => append(data, &number.to_le_bytes()),
+            Self::Identity | Self::Counters => Ok(()),
+            Self::Health(repeat) => repeat.emit(data),
+            Self::Fault(place) => append(data, &[*place]),
+        }
+    }
+}
+
+/// Bytes of one assignment: sub-command, number, value.
+const ASSIGNMENT: usize = 7;
+
+/// DATA of a well-formed list of assignments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Assignments<'a> {
+    bytes: &'a [u8],
+}
+
+impl<'a> Assignments<'a> {
+    /// Appends an assignment of a value to a setting; [`parse`](Self::parse) makes a request of
+    /// what was appended.
+    ///
+    /// # Errors
+    /// [`EncodeError::DataTooLong`] when DATA is full.
+    pub fn emit(number: u16, value: i32, data: &mut Data) -> Result<(), EncodeError> {
+        let ([n0, n1], [v0, v1, v2, v3]) = (number.to_le_bytes(), value.to_le_bytes());
+        append(data, &[SET, n0, n1, v0, v1, v2, v3])
+    }
+
+    /// Reads DATA through.
+    ///
+    /// # Errors
+    /// [`Refusal::Length`] when it ends within an assignment, [`Refusal::UnknownSubCommand`] when
+    /// something else stands between them.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, Refusal> {
+        let (assignments, rest) = bytes.as_chunks::<ASSIGNMENT>();
+        let stranger = assignments.iter().map(|a| a[0]).find(|&sub| sub != SET);
+        match stranger {
+            Some(sub) => Err(Refusal::UnknownSubCommand(sub)),
+            None if assignments.is_empty() || !rest.is_empty() => {
+                Err(Refusal::Length { did: manual::PARAMETERS, len: bytes.len() })
+            }
+            None => Ok(Self { bytes }),
+        }
+    }
+
+    /// The DATA they stand in.
+    pub fn as_bytes(&self) -> &'a [u8] {
+        self.bytes
+    }
+
+    /// Numbers and values, in the order of the wire.
+    pub fn iter(&self) -> impl Iterator<Item = (u16, i32)> + 'a {
+        let (assignments, _) = self.bytes.as_chunks::<ASSIGNMENT>();
+        assignments.iter().map(|&[_, n0, n1, v0, v1, v2, v3]| {
+            (u16::from_le_bytes([n0, n1]), i32::from_le_bytes([v0, v1, v2, v3]))
+        })
+    }
+}

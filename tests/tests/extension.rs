@@ -1,0 +1,424 @@
+//! The extension on the wire: byte by byte against Tables E.1 and E.2 of `protocol`'s
+//! documentation, and what a board does about each request.
+
+use hal_mock::board::{Make, VirtualBoard};
+use hal_mock::flash::{Flash, SIZE};
+use protocol::pms5005::extension::{
+    Action, Answer, Assignments, Counters, Description, Fault, FaultRecord, Health, Identity,
+    Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
+};
+use protocol::pms5005::{Channel, Command, Data, Frame, Quantity, Repeat, Reports, Scope, did};
+use tests::{Bench, Received};
+
+/// DID and DATA of a request, as they stand in the frame.
+fn written(request: Request) -> (u8, Vec<u8>) {
+    let mut buffer = [0; 264];
+    let frame = Command::Extension(request).encode(0, &mut buffer).unwrap();
+    let frame = Frame::parse(frame).unwrap();
+    assert_eq!(Command::parse(frame.did, frame.data), Ok(Command::Extension(request)));
+    (frame.did, frame.data.to_vec())
+}
+
+/// DID and DATA of an answer, as they stand in the frame.
+fn told(answer: Answer) -> (u8, Vec<u8>) {
+    let mut buffer = [0; 264];
+    let frame = answer.encode(&mut buffer).unwrap();
+    let frame = Frame::parse(frame).unwrap();
+    assert_eq!((frame.rid, frame.res), (0, 255));
+    assert_eq!(Answer::parse(frame.did, frame.data), Some(answer));
+    (frame.did, frame.data.to_vec())
+}
+
+fn assign(assignments: &[(u16, i32)]) -> Data {
+    let mut data = Data::new();
+    assignments.iter().for_each(|&(n, value)| Assignments::emit(n, value, &mut data).unwrap());
+    data
+}
+
+/// Sends a request and yields the one answer to it; the frame itself must be acknowledged.
+fn ask_raw(bench: &mut Bench, asked: u8, data: &[u8]) -> Received {
+    bench.received();
+    bench.send_raw(asked, data);
+    bench.run_ms(40);
+    let (acks, mut answers): (Vec<_>, Vec<_>) = bench
+        .received()
+        .into_iter()
+        .filter(|frame| frame.did != did::SETUP || frame.is_ack()) // no pings
+        .partition(Received::is_ack);
+    assert_eq!((acks.len(), answers.len()), (1, 1), "{asked} {data:?}: {answers:?}");
+    answers.remove(0)
+}
+
+fn outcome(bench: &mut Bench, did: u8, data: &[u8]) -> (Verdict, u16) {
+    let frame = ask_raw(bench, did, data);
+    match Answer::parse(frame.did, &frame.data) {
+        Some(Answer::Outcome(outcome)) => {
+            assert_eq!((outcome.did, outcome.first), (did, data.first().copied().unwrap_or(0)));
+            (outcome.verdict, outcome.setting)
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+fn act(bench: &mut Bench, action: Action) -> Verdict {
+    outcome(bench, did::PARAMETERS, &[action.number()]).0
+}
+
+fn set(bench: &mut Bench, assignments: &[(u16, i32)]) -> (Verdict, u16) {
+    outcome(bench, did::PARAMETERS, &assign(assignments))
+}
+
+fn value(bench: &mut Bench, number: u16) -> i32 {
+    let frame = ask_raw(bench, 96, &number.to_le_bytes());
+    match Answer::parse(frame.did, &frame.data) {
+        Some(Answer::Setting(setting)) => setting.value,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn identity(bench: &mut Bench) -> Identity {
+    let frame = ask_raw(bench, 97, &[]);
+    match Answer::parse(frame.did, &frame.data) {
+        Some(Answer::Identity(identity)) => identity,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A board that keeps its telemetry to itself, with this flash.
+fn with_flash(flash: &Flash) -> Bench {
+    let mut bench = Bench::with(Make::default());
+    bench.board = VirtualBoard::with_flash(Make::default(), flash.clone());
+    hush(&mut bench);
+    bench
+}
+
+fn hush(bench: &mut Bench) {
+    bench.send(Command::Telemetry { reports: Reports::All, repeat: Repeat::Stop });
+    bench.run_ms(20);
+    bench.received();
+}
+
+#[test]
+fn table_e_1_byte_by_byte() {
+    let data = assign(&[(0x0120, -2), (16, 30)]);
+    let expected = [0x80, 0x20, 0x01, 0xFE, 0xFF, 0xFF, 0xFF, 0x80, 16, 0, 30, 0, 0, 0];
+    let assignments = Assignments::parse(&data).unwrap();
+    assert_eq!(written(Request::Set(assignments)), (7, expected.to_vec()));
+    assert_eq!(assignments.iter().collect::<Vec<_>>(), [(0x0120, -2), (16, 30)]);
+    let actions = [
+        (Action::ClearFaults, 0x81),
+        (Action::Save, 0x82),
+        (Action::FactoryReset, 0x83),
+        (Action::Reboot, 0x84),
+        (Action::RebootIntoDfu, 0x85),
+    ];
+    for (action, byte) in actions {
+        assert_eq!(written(Request::Do(action)), (7, vec![byte]));
+    }
+    assert_eq!(written(Request::Setting(0x0201)), (96, vec![1, 2]));
+    assert_eq!(written(Request::Identity), (97, vec![]));
+    assert_eq!(written(Request::Health(Repeat::Continuous)), (98, vec![]));
+    assert_eq!(written(Request::Health(Repeat::Stop)), (98, vec![0]));
+    assert_eq!(written(Request::Counters), (99, vec![]));
+    assert_eq!(written(Request::Fault(3)), (100, vec![3]));
+}
+
+#[test]
+fn table_e_2_byte_by_byte() {
+    let setting = Description {
+        number: 0x0102,
+        next: Some(0x0304),
+        value: -2,
+        range: (-3, 4),
+        default: 0x0708_090A,
+        unit: Unit::Centimetres,
+        name: "abc",
+    };
+    let bytes = [
+        [2, 1, 4, 3, 0xFE, 0xFF, 0xFF, 0xFF, 0xFD, 0xFF, 0xFF, 0xFF].as_slice(),
+        &[4, 0, 0, 0, 0x0A, 9, 8, 7, 4, b'a', b'b', b'c'],
+    ];
+    assert_eq!(told(Answer::Setting(setting)), (96, bytes.concat()));
+    let last = Description { next: None, ..setting };
+    assert_eq!(told(Answer::Setting(last)).1[2..4], [0, 0]);
+
+    let identity = Identity {
+        version: [1, 2, 3],
+        extension: 4,
+        reset: ResetCause::Watchdog,
+        settings: Origin::Corrupt,
+    };
+    assert_eq!(told(Answer::Identity(identity)), (97, vec![1, 2, 3, 4, 4, 2]));
+
+    let health =
+        Health { uptime_ms: 0x0403_0201, worst_latency_us: 0x0605, stack_used: 0x0807, faults: 9 };
+    assert_eq!(told(Answer::Health(health)), (98, vec![1, 2, 3, 4, 5, 6, 7, 8, 9]));
+
+    let counters =
+        Counters { frames_ok: 1, bad_frames: 0x0200, links_lost: 18, ..Counters::default() };
+    let (did, data) = told(Answer::Counters(counters));
+    assert_eq!((did, data.len()), (99, 72));
+    assert_eq!((&data[..8], &data[68..]), (&[1, 0, 0, 0, 0, 2, 0, 0][..], &[18, 0, 0, 0][..]));
+
+    let record = FaultRecord {
+        fault: Fault::Stall,
+        channel: Channel::new(5),
+        uptime_ms: 0x0403_0201,
+        values: [-1, 2, 0x0304],
+    };
+    let latched = Latched { place: 1, total: 2, record: Some(record) };
+    let bytes = [1, 2, 2, 5, 1, 2, 3, 4, 0xFF, 0xFF, 2, 0, 4, 3];
+    assert_eq!(told(Answer::Fault(latched)), (100, bytes.to_vec()));
+    let of_the_board = FaultRecord { fault: Fault::LinkLoss, channel: None, ..record };
+    let latched = Latched { record: Some(of_the_board), ..latched };
+    assert_eq!(told(Answer::Fault(latched)).1[2..4], [22, 255]);
+    assert_eq!(told(Answer::Fault(Latched { place: 2, total: 2, record: None })).1, [2, 2]);
+
+    let outcome = Outcome { did: 7, first: 0x82, verdict: Verdict::OutputsOn, setting: 0x0201 };
+    assert_eq!(told(Answer::Outcome(outcome)), (101, vec![7, 0x82, 6, 1, 2]));
+}
+
+#[test]
+fn a_host_without_the_extension_sees_an_original() {
+    let mut bench = Bench::new();
+    bench.run_ms(1020);
+    let frames = bench.received();
+    assert!(frames.iter().all(|frame| [123, 124, 125].contains(&frame.did)), "{frames:?}");
+    // A bad frame of the manual's has no other answer than the acknowledgement.
+    let mut bench = Bench::quiet();
+    bench.send_raw(did::PARAMETERS, &[0x06, 0, 2]);
+    bench.send_raw(31, &[1, 2]);
+    bench.run_ms(40);
+    assert!(bench.received().iter().all(Received::is_ack));
+}
+
+#[test]
+fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
+    let mut bench = Bench::quiet();
+    let cut_short = &assign(&[(32, 20)])[..6];
+    let mixed = [&assign(&[(32, 20)])[..], &[0x82, 0, 0, 0, 0, 0, 0]].concat();
+    let bad: &[(u8, &[u8], Verdict, u16)] = &[
+        (7, &assign(&[(32, 20), (999, 1)]), Verdict::NoSuchSetting, 999),
+        (7, &assign(&[(32, 20), (16, 255)]), Verdict::OutOfRange, 16),
+        (7, &assign(&[(32, 20), (16, 100)]), Verdict::Contradiction, 17),
+        (7, cut_short, Verdict::BadLength, 0),
+        (7, &mixed, Verdict::Unknown, 0),
+        (7, &[0x82, 0x82], Verdict::BadLength, 0),
+        (7, &[0x86], Verdict::Unknown, 0),
+        (7, &[0xFF], Verdict::Unknown, 0),
+        (96, &[], Verdict::BadLength, 0),
+        (96, &[5, 0], Verdict::NoSuchSetting, 5),
+        (97, &[0], Verdict::BadLength, 0),
+        (98, &[1, 1], Verdict::BadLength, 0),
+        (100, &[], Verdict::BadLength, 0),
+        (101, &[], Verdict::Unknown, 0),
+        (111, &[1], Verdict::Unknown, 0),
+    ];
+    for &(did, data, verdict, setting) in bad {
+        let before = bench.board.link();
+        assert_eq!(outcome(&mut bench, did, data), (verdict, setting), "{did} {data:?}");
+        let after = bench.board.link();
+        let counted = after.refused + after.unknown - before.refused - before.unknown;
+        assert_eq!(counted, 1, "{did} {data:?}");
+    }
+    assert_eq!((value(&mut bench, 32), value(&mut bench, 16)), (50, 30));
+}
+
+#[test]
+fn all_settings_of_a_request_are_set_in_one_period_and_read_back() {
+    let mut bench = Bench::quiet();
+    assert_eq!(set(&mut bench, &[(16, 100), (17, 120), (32, 20)]), (Verdict::Done, 0));
+    let read = [16, 17, 32].map(|number| value(&mut bench, number));
+    assert_eq!(read, [100, 120, 20]);
+    // The session's is in force...
+    bench.send(Command::Telemetry { reports: Reports::Motors, repeat: Repeat::Continuous });
+    bench.run_ms(1000);
+    let count = bench.received().iter().filter(|frame| frame.report().is_some()).count();
+    assert!((48..=51).contains(&count), "{count} in a second at 20 ms");
+    // ...and the controller's: an obstacle at 80 cm is one now.
+    bench.board.plant.borrow_mut().overrides.sonar_cm[0] = Some(80);
+    bench.send_raw(did::PARAMETERS, &[0x13, 1]);
+    bench.run_ms(100);
+    assert!(bench.board.snapshot().obstacle);
+    hush(&mut bench);
+    assert_eq!(set(&mut bench, &[(16, 30), (17, 35)]), (Verdict::Done, 0));
+    bench.run_ms(50);
+    assert!(!bench.board.snapshot().obstacle);
+}
+
+#[test]
+fn a_shorter_telemetry_period_does_not_wait_for_the_end_of_a_longer_one() {
+    let mut bench = Bench::quiet();
+    set(&mut bench, &[(32, 60_000)]);
+    bench.send(Command::Telemetry { reports: Reports::Motors, repeat: Repeat::Continuous });
+    bench.run_ms(100);
+    set(&mut bench, &[(32, 100)]);
+    bench.received();
+    bench.run_ms(1000);
+    let count = bench.received().iter().filter(|frame| frame.report().is_some()).count();
+    assert!((9..=11).contains(&count), "{count} in a second at 100 ms");
+}
+
+#[test]
+fn the_link_timeout_is_in_force_at_once() {
+    let mut bench = Bench::quiet();
+    assert_eq!(set(&mut bench, &[(1, 300)]).0, Verdict::Done);
+    bench.drive(Quantity::Pwm, 0, 20_000, 0);
+    bench.run_ms(250);
+    assert_eq!(bench.bridge(0), (3616, true));
+    bench.run_ms(250);
+    assert_eq!(bench.bridge(0), (0, false));
+}
+
+#[test]
+fn what_is_saved_survives_a_reboot_and_what_is_not_does_not() {
+    let flash = Flash::empty();
+    let mut bench = with_flash(&flash);
+    assert_eq!(identity(&mut bench).settings, Origin::Defaults);
+    set(&mut bench, &[(32, 20)]);
+    assert_eq!(act(&mut bench, Action::Save), Verdict::Done);
+    set(&mut bench, &[(32, 30)]);
+    assert_eq!(act(&mut bench, Action::Reboot), Verdict::Done);
+    bench.run_ms(150);
+    hush(&mut bench);
+    let here = identity(&mut bench);
+    assert_eq!((here.reset, here.settings), (ResetCause::Software, Origin::Stored));
+    assert_eq!(value(&mut bench, 32), 20);
+
+    // Another board with the same flash; then the defaults again, at once and for good.
+    let mut bench = with_flash(&flash);
+    assert_eq!(identity(&mut bench).reset, ResetCause::Power);
+    assert_eq!(value(&mut bench, 32), 20);
+    assert_eq!(act(&mut bench, Action::FactoryReset), Verdict::Done);
+    assert_eq!(value(&mut bench, 32), 50);
+    let mut bench = with_flash(&flash);
+    assert_eq!(value(&mut bench, 32), 50);
+}
+
+#[test]
+fn a_board_that_drives_anything_is_not_saved_reset_or_rebooted() {
+    let flash = Flash::empty();
+    let mut bench = with_flash(&flash);
+    let upkeep = [Action::Save, Action::FactoryReset, Action::Reboot, Action::RebootIntoDfu];
+    for quantity in [Quantity::Pwm, Quantity::Servo] {
+        set(&mut bench, &[(32, 20)]);
+        bench.drive(quantity, 2, 2000, 0);
+        bench.run_ms(10);
+        for action in upkeep {
+            assert_eq!(act(&mut bench, action), Verdict::OutputsOn, "{action:?} {quantity:?}");
+        }
+        bench.send(Command::Run { scope: Scope::All, run: false });
+        bench.run_ms(10);
+    }
+    assert_eq!(value(&mut bench, 32), 20);
+    assert_eq!(flash.image(), Flash::empty().image());
+    assert_eq!(act(&mut bench, Action::Save), Verdict::Done);
+    assert_ne!(flash.image(), Flash::empty().image());
+}
+
+#[test]
+fn a_motion_command_right_behind_a_save_waits_for_it_and_is_then_carried_out() {
+    let mut bench = Bench::quiet();
+    bench.send_raw(did::PARAMETERS, &[Action::Save.number()]);
+    bench.drive(Quantity::Pwm, 0, 20_000, 0);
+    bench.run_ms(50);
+    let saved = bench.received().iter().any(|frame| frame.data == [7, 0x82, 0, 0, 0]);
+    assert!(saved && bench.bridge(0) == (3616, true));
+}
+
+#[test]
+fn the_roms_loader_is_not_available_here() {
+    assert_eq!(act(&mut Bench::quiet(), Action::RebootIntoDfu), Verdict::NotAvailable);
+}
+
+#[test]
+fn a_flash_without_power_is_told_and_the_old_settings_stay() {
+    let flash = Flash::empty();
+    let mut bench = with_flash(&flash);
+    set(&mut bench, &[(32, 20)]);
+    act(&mut bench, Action::Save);
+    set(&mut bench, &[(32, 30)]);
+    flash.lose_power_after(40, false);
+    assert_eq!(act(&mut bench, Action::Save), Verdict::FlashFailed);
+    flash.restore_power();
+    assert_eq!(value(&mut with_flash(&flash), 32), 20);
+}
+
+#[test]
+fn damaged_settings_are_a_fault_until_it_is_cleared() {
+    let mut bench = with_flash(&Flash::with(&[0x55; SIZE]));
+    assert_eq!(identity(&mut bench).settings, Origin::Corrupt);
+    let frame = ask_raw(&mut bench, 100, &[0]);
+    assert_eq!(frame.data, [0, 1, 25, 255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(act(&mut bench, Action::ClearFaults), Verdict::Done);
+    assert_eq!(ask_raw(&mut bench, 100, &[0]).data, [0, 0]);
+}
+
+#[test]
+fn a_start_by_the_watchdog_is_a_fault() {
+    let mut bench = Bench::quiet();
+    bench.board.start_again(ResetCause::Watchdog);
+    bench.run_ms(20);
+    hush(&mut bench);
+    assert_eq!(identity(&mut bench).reset, ResetCause::Watchdog);
+    assert_eq!(ask_raw(&mut bench, 100, &[0]).data[..4], [0, 1, 26, 255]);
+}
+
+#[test]
+fn health_comes_as_often_as_it_is_asked_for() {
+    let mut bench = Bench::quiet();
+    bench.send_raw(98, &[3]);
+    bench.run_ms(500);
+    let at: Vec<_> =
+        bench.received().iter().filter(|f| f.did == 98).map(|f| f.at.as_millis()).collect();
+    assert_eq!(at.len(), 3);
+    assert!(at.windows(2).all(|pair| (49..=51).contains(&(pair[1] - pair[0]))), "{at:?}");
+    bench.send_raw(98, &[]);
+    bench.run_ms(1000);
+    let frames = bench.received();
+    let healths = frames.iter().filter_map(|f| Answer::parse(f.did, &f.data));
+    let uptimes: Vec<_> = healths
+        .map(|answer| match answer {
+            Answer::Health(Health { uptime_ms, worst_latency_us, stack_used: 0, faults: 0 }) => {
+                assert_eq!(worst_latency_us, 0, "virtual time stands still while it computes");
+                uptime_ms
+            }
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert!((19..=21).contains(&uptimes.len()));
+    assert!(uptimes.windows(2).all(|pair| (49..=51).contains(&(pair[1] - pair[0]))));
+    bench.send_raw(98, &[0]);
+    bench.run_ms(60);
+    bench.received();
+    bench.run_ms(500);
+    assert!(bench.received().iter().all(|frame| frame.did != 98));
+}
+
+#[test]
+fn counters_are_what_the_board_has_counted() {
+    let mut bench = Bench::quiet();
+    bench.send_raw(31, &[]);
+    bench.send_raw(did::PWM, &[9, 0, 0]);
+    bench.run_ms(20);
+    let frame = ask_raw(&mut bench, 99, &[]);
+    let Some(Answer::Counters(counters)) = Answer::parse(frame.did, &frame.data) else { panic!() };
+    let link = bench.board.link();
+    assert_eq!((counters.unknown, counters.refused, counters.frames_ok), (1, 1, link.frames_ok));
+    assert_eq!((counters.telemetry_sent, counters.answers_sent), (link.telemetry_sent, 1));
+}
+
+#[test]
+fn requests_faster_than_the_line_are_bounded_and_starve_nobody() {
+    let mut bench = Bench::quiet();
+    for _ in 0..200 {
+        bench.send_raw(99, &[]);
+    }
+    bench.drive(Quantity::Pwm, 0, 20_000, 0);
+    bench.run_ms(1500);
+    assert_eq!(bench.bridge(0), (3616, true));
+    let link = bench.board.link();
+    assert!(link.answers_dropped > 0);
+    assert_eq!(link.answers_sent + link.answers_dropped, 200);
+    assert_eq!(bench.acks(), 201);
+}

@@ -1,0 +1,204 @@
+//! Settings in flash: whatever happens to the power, the next boot has the old ones or the new
+//! ones, and says when it has neither.
+
+use firmware::settings::Settings;
+use firmware::settings::store::{SaveFailed, Store};
+use hal_mock::flash::{Flash, SECTOR, SIZE};
+use protocol::pms5005::extension::Origin;
+
+/// Settings that are unlike all others of another `n`.
+fn settings(n: u32) -> Settings {
+    let mut settings = Settings::DEFAULT;
+    settings.set(32, 1 + (n % 60_000) as i32).unwrap();
+    settings.set(3, 8_000_000 - n as i32).unwrap();
+    settings
+}
+
+fn store(flash: &Flash) -> Store<Flash> {
+    Store::new(flash.clone(), 0..SIZE as u32)
+}
+
+fn load(flash: &Flash) -> (Settings, Origin) {
+    store(flash).load(|| {})
+}
+
+fn save(flash: &Flash, n: u32) -> Result<(), SaveFailed> {
+    store(flash).save(&settings(n), || {})
+}
+
+/// The same flash in another board.
+fn copy(flash: &Flash) -> Flash {
+    Flash::with(&flash.image())
+}
+
+/// Saves 1, 2, 3... until `last` says that it was the last.
+fn save_until(mut last: impl FnMut(&Flash) -> bool) -> (Flash, u32) {
+    let flash = Flash::empty();
+    for n in 1.. {
+        save(&flash, n).unwrap();
+        if last(&flash) {
+            return (flash, n);
+        }
+    }
+    unreachable!()
+}
+
+/// Cuts the power at every byte of saving `n + 1` after `n`, and behind each `stride`th of these cuts
+/// at each `stride`th byte of the boot too. Answers how many bytes the save took.
+fn cut_everywhere(before: &Flash, n: u32, stride: usize) -> usize {
+    for torn in [false, true] {
+        for cut in 0.. {
+            let flash = copy(before);
+            flash.lose_power_after(cut, torn);
+            let saved = save(&flash, n + 1);
+            if !flash.restore_power() && saved.is_ok() {
+                assert_eq!(load(&flash), (settings(n + 1), Origin::Stored));
+                if torn {
+                    return cut;
+                }
+                break;
+            }
+            assert_eq!(saved, Err(SaveFailed), "after {cut} bytes");
+            recovers(&flash, n, &format!("{cut} bytes, torn: {torn}"));
+            // A boot that mends may be cut off too.
+            for second in (0..).step_by(stride).take_while(|_| cut % stride == 0) {
+                let flash = copy(&flash);
+                flash.lose_power_after(second, torn);
+                load(&flash);
+                if !flash.restore_power() {
+                    break;
+                }
+                recovers(&flash, n, &format!("{cut} bytes, then {second}, torn: {torn}"));
+            }
+        }
+    }
+    unreachable!()
+}
+
+/// What was being saved behind `n` is there, or what was saved before, and the next save works.
+fn recovers(flash: &Flash, n: u32, what: &str) {
+    let flash = copy(flash);
+    let (found, origin) = load(&flash);
+    if n == 0 && found == Settings::DEFAULT {
+        assert!(matches!(origin, Origin::Defaults | Origin::Corrupt), "{what}: {origin:?}");
+    } else {
+        assert!(found == settings(n) || found == settings(n + 1), "{what}: {found:?}");
+        assert_eq!(origin, Origin::Stored, "{what}");
+    }
+    assert_eq!(load(&flash), (found, origin), "{what}: and at every boot");
+    save(&flash, n + 2).unwrap_or_else(|_| panic!("{what}: cannot save again"));
+    assert_eq!(load(&flash), (settings(n + 2), Origin::Stored), "{what}");
+}
+
+#[test]
+fn a_flash_that_was_never_written_means_defaults_and_is_no_fault() {
+    assert_eq!(load(&Flash::empty()), (Settings::DEFAULT, Origin::Defaults));
+}
+
+#[test]
+fn what_was_saved_is_there_after_a_thousand_saves_that_wear_the_sectors_evenly() {
+    let flash = Flash::empty();
+    for n in 1..=1000 {
+        save(&flash, n).unwrap();
+        assert_eq!(load(&flash), (settings(n), Origin::Stored));
+    }
+    // A record of 5 + 12 * 6 bytes and the map's key and header take 88 bytes: 186 of them fill a
+    // sector. 1000 fill five and begin a sixth; behind the second, each begun erases the next.
+    assert_eq!(flash.erases(), 4);
+}
+
+#[test]
+fn a_save_erases_one_sector_at_the_most_and_feeds_the_watchdog_before_it() {
+    let flash = Flash::empty();
+    let mut erasing = 0;
+    for n in 1..=1000 {
+        let (mut fed, before) = (0, flash.erases());
+        store(&flash).save(&settings(n), || fed += 1).unwrap();
+        assert_eq!(flash.erases() - before, fed);
+        assert!(fed <= 1, "{fed} erases in one save");
+        erasing += fed;
+    }
+    assert!(erasing > 0);
+}
+
+#[test]
+fn power_lost_at_any_byte_of_the_first_save_leaves_defaults_or_the_new_ones() {
+    assert!((80..200).contains(&cut_everywhere(&Flash::empty(), 0, 1)));
+}
+
+#[test]
+fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new() {
+    let (flash, n) = save_until(|flash| flash.image()[200] != 0xFF);
+    assert!((80..200).contains(&cut_everywhere(&flash, n, 1)));
+}
+
+#[test]
+fn power_lost_at_any_byte_of_a_save_into_an_empty_sector_leaves_the_old_or_the_new() {
+    // The last record of the first sector, then one of the second.
+    let (full, _) = save_until(|flash| flash.image()[SECTOR] != 0xFF);
+    let mut last = None;
+    let (_, next) = save_until(|flash| {
+        let done = flash.image() == full.image();
+        if !done {
+            last = Some(copy(flash));
+        }
+        done
+    });
+    assert!((80..200).contains(&cut_everywhere(&last.unwrap(), next - 1, 1)));
+}
+
+#[test]
+fn power_lost_at_any_byte_of_an_erase_leaves_the_old_or_the_new() {
+    // The save that erases the sector which it will need next.
+    let mut last = None;
+    let (_, next) = save_until(|flash| {
+        let done = flash.erases() > 0;
+        if !done {
+            last = Some(copy(flash));
+        }
+        done
+    });
+    let bytes = cut_everywhere(&last.unwrap(), next - 1, 1021);
+    assert!((SECTOR + 80..SECTOR + 200).contains(&bytes), "{bytes}");
+}
+
+#[test]
+fn a_foreign_flash_means_defaults_and_a_fault_and_can_be_used() {
+    let noise = |seed: u32| {
+        let mut state = seed;
+        let next = move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        };
+        std::iter::repeat_with(next).take(SIZE).collect::<Vec<_>>()
+    };
+    let mut images: Vec<Vec<u8>> = (0..200).map(noise).collect();
+    images.extend([vec![0; SIZE], vec![0x5E; SIZE], vec![0; SECTOR], vec![0; 1], b"text".into()]);
+    images.push([vec![0xFF; SIZE - 1], vec![0]].concat());
+    for (i, image) in images.iter().enumerate() {
+        let flash = Flash::with(image);
+        assert_eq!(load(&flash), (Settings::DEFAULT, Origin::Corrupt), "image {i}");
+        save(&flash, 7).unwrap_or_else(|_| panic!("image {i} cannot be used"));
+        assert_eq!(load(&flash), (settings(7), Origin::Stored), "image {i}");
+    }
+}
+
+#[test]
+fn a_bit_that_falls_over_costs_a_record_and_never_mixes_two() {
+    let flash = Flash::empty();
+    for n in 1..=3 {
+        save(&flash, n).unwrap();
+    }
+    let image = flash.image();
+    let used = image.iter().rposition(|&byte| byte != 0xFF).unwrap() + 1;
+    for bit in 0..used * 8 {
+        let mut image = image.clone();
+        image[bit / 8] ^= 1 << (bit % 8);
+        let (found, origin) = load(&Flash::with(&image));
+        match origin {
+            Origin::Stored => assert!((1..=3).any(|n| found == settings(n)), "bit {bit}"),
+            Origin::Corrupt => assert_eq!(found, Settings::DEFAULT),
+            Origin::Defaults => panic!("bit {bit}: it is not empty"),
+        }
+    }
+}
