@@ -110,6 +110,11 @@ impl Limits {
     pub fn apply(&self, drive: I32F32) -> I32F32 {
         drive.min(self.high).max(self.low)
     }
+
+    /// Whether both are beyond this drive.
+    fn are_beyond(&self, drive: I32F32) -> bool {
+        self.low < drive && drive < self.high
+    }
 }
 
 /// Drive with 8 more bits below the point, so that no part of an error is too small to add up.
@@ -127,7 +132,8 @@ impl Pid {
         Self::default()
     }
 
-    /// One period. See the [module](self) for the formula.
+    /// One period. See the [module](self) for the formula. `feed_forward` is less than 2^24 times
+    /// full drive.
     #[inline]
     pub fn step(
         &mut self,
@@ -137,19 +143,30 @@ impl Pid {
         feed_forward: I32F32,
         limits: &Limits,
     ) -> I32F32 {
-        // The products are at most 2^24 at the extremes of all factors.
+        // Nothing can wrap: at the extremes of gains and errors a product with `kp` or `kd` is
+        // 2^24 times full drive, one with `ki` 2^22 times, and 64 bits hold 2^31 and 2^23 times.
         let proportional = gains.kp.wide_mul(error);
         let derivative = gains.kd.wide_mul(rate);
-        let others = proportional.saturating_sub(derivative).saturating_add(feed_forward);
+        let others = proportional.wrapping_sub(derivative).wrapping_add(feed_forward);
 
-        let more = gains.ki.wide_mul(error);
-        let integral = self.integral.saturating_add(more);
-        let drive = others.saturating_add(to_drive(integral));
-        let deeper = (drive > limits.high && more > 0) || (drive < limits.low && more < 0);
+        let integral = self.integral.wrapping_add(gains.ki.wide_mul(error));
+        let drive = others.wrapping_add(to_drive(integral));
+        // Most periods are far from any limit, and cheaper for being told apart.
+        if limits.are_beyond(drive) && limits.are_beyond(to_drive(integral)) {
+            self.integral = integral;
+            return drive;
+        }
+        // Gains are never negative: the integral moves with the sign of the error.
+        let deeper = if error < 0 { drive < limits.low } else { drive > limits.high };
+        self.limited(others, if deeper { self.integral } else { integral }, limits)
+    }
+
+    /// The end of a period in which a limit has its say.
+    #[cold]
+    fn limited(&mut self, others: I32F32, integral: Integral, limits: &Limits) -> I32F32 {
         // The limits may have tightened since: what is kept has to fit them too.
-        let kept = if deeper { self.integral } else { integral };
-        self.integral = kept.min(from_drive(limits.high)).max(from_drive(limits.low));
-        limits.apply(others.saturating_add(to_drive(self.integral)))
+        self.integral = integral.min(from_drive(limits.high)).max(from_drive(limits.low));
+        limits.apply(others.wrapping_add(to_drive(self.integral)))
     }
 }
 
