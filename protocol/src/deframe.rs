@@ -57,7 +57,7 @@ pub struct Deframer<F, const N: usize> {
     framing: PhantomData<F>,
 }
 
-/// What can be said of the bytes at the front of the buffer.
+/// What can be said of bytes from the first one on.
 enum Verdict {
     /// They are a frame of this length.
     Frame(usize),
@@ -104,22 +104,18 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     #[inline]
     pub fn receive(&mut self, bytes: &mut &[u8]) -> Option<&[u8]> {
         self.release();
-        loop {
-            if self.held >= self.needed
-                && let Some(length) = self.decide(false)
-            {
+        while !bytes.is_empty() || self.held >= self.needed {
+            let found = if self.held == 0 {
+                self.search(bytes)
+            } else {
+                self.take(bytes);
+                if self.held < self.needed { None } else { self.decide(false) }
+            };
+            if let Some(length) = found {
                 return self.hand_out(length);
             }
-            if self.held == 0 {
-                let noise = find(F::START[0], bytes);
-                self.skipped(noise);
-                *bytes = bytes.get(noise..).unwrap_or_default();
-            }
-            if bytes.is_empty() {
-                return None;
-            }
-            self.take(bytes);
         }
+        None
     }
 
     /// Gives up waiting for the rest of the candidate at the front: the line has been silent for
@@ -150,6 +146,39 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         }
     }
 
+    /// Looks for a frame where the bytes lie, nothing being held, and takes the first one (its
+    /// length), or else the candidate that is incomplete at their end (`None`).
+    #[inline]
+    fn search(&mut self, bytes: &mut &[u8]) -> Option<usize> {
+        while !bytes.is_empty() {
+            match Self::judge(bytes) {
+                Verdict::Frame(length) => {
+                    self.needed = length;
+                    self.take(bytes);
+                    return Some(length);
+                }
+                Verdict::Needs(count) => {
+                    self.needed = count;
+                    self.take(bytes);
+                }
+                Verdict::Noise => self.pass_over(bytes),
+                Verdict::Rejected => {
+                    self.count_bad_frame();
+                    self.pass_over(bytes);
+                }
+            }
+        }
+        None
+    }
+
+    /// Passes over the front byte and all behind it up to the next that a frame could begin with.
+    fn pass_over(&mut self, bytes: &mut &[u8]) {
+        let rest = bytes.get(1..).unwrap_or_default();
+        let noise = find(F::START[0], rest);
+        self.skipped(noise.saturating_add(1));
+        *bytes = rest.get(noise..).unwrap_or_default();
+    }
+
     /// Moves as many bytes as the next decision needs from `bytes` into the buffer.
     #[inline]
     fn take(&mut self, bytes: &mut &[u8]) {
@@ -168,7 +197,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     /// With `silent`, a candidate that needs more bytes is rejected.
     fn decide(&mut self, silent: bool) -> Option<usize> {
         while self.held > 0 {
-            match self.judge() {
+            match Self::judge(self.buffer.get(..self.held).unwrap_or_default()) {
                 Verdict::Frame(length) => return Some(length),
                 Verdict::Needs(count) if !silent => {
                     self.needed = count;
@@ -182,19 +211,19 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         None
     }
 
-    fn judge(&self) -> Verdict {
-        let held = self.buffer.get(..self.held).unwrap_or_default();
-        if !begins_like(F::START, held) {
+    #[inline]
+    fn judge(bytes: &[u8]) -> Verdict {
+        if !begins_like(F::START, bytes) {
             return Verdict::Noise;
         }
-        if held.len() < F::START.len() {
+        if bytes.len() < F::START.len() {
             return Verdict::Needs(F::START.len());
         }
-        if held.len() < F::HEADER {
+        if bytes.len() < F::HEADER {
             return Verdict::Needs(F::HEADER);
         }
-        match F::length(held) {
-            Some(length) if length <= N && length >= F::HEADER => match held.get(..length) {
+        match F::length(bytes) {
+            Some(length) if length <= N && length >= F::HEADER => match bytes.get(..length) {
                 None => Verdict::Needs(length),
                 Some(candidate) if F::is_intact(candidate) => Verdict::Frame(length),
                 Some(_) => Verdict::Rejected,
@@ -206,9 +235,13 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     /// Drops the candidate at the front; it counts as a bad frame if its header was there.
     fn reject(&mut self) {
         if self.held >= F::HEADER {
-            self.reception.bad_frames = self.reception.bad_frames.wrapping_add(1);
+            self.count_bad_frame();
         }
         self.resynchronise();
+    }
+
+    fn count_bad_frame(&mut self) {
+        self.reception.bad_frames = self.reception.bad_frames.wrapping_add(1);
     }
 
     /// Drops the front byte and all behind it up to the next place that begins like a frame.
