@@ -9,6 +9,7 @@ mod peers;
 use core::hint::black_box;
 
 use crc::{CRC_8_MAXIM_DOW, Crc, NoTable, Table};
+use protocol::dynamixel::{Id, Packet, StatusReceiver};
 use protocol::pms5005::{Frame, Receiver, STX};
 
 use crate::Meter;
@@ -92,7 +93,35 @@ pub fn cases(meter: &mut impl Meter) {
     case(meter, "receive-12-whole/postcard", typical, usize::MAX, peers::Postcard::default());
 
     noise(meter);
+    servo(meter);
     checksums(meter);
+}
+
+/// The answer of an AX-12 to READ of its eight present values, beside the sum that it is checked by.
+fn servo(meter: &mut impl Meter) {
+    let params = [0x00, 0x02, 0x20, 0x00, 0x10, 0x00, 0x78, 0x1E];
+    let mut buffer = [0; 14];
+    let status = Packet { id: Id::BROADCAST, code: 0, params: &params }.encode(&mut buffer);
+    let status: &[u8] = status.map_or(&[], |status| status);
+    case(meter, "receive-ax12-whole/ours", status, usize::MAX, Servo(StatusReceiver::new()));
+    case(meter, "receive-ax12-by-1/ours", status, 1, Servo(StatusReceiver::new()));
+    meter.case("receive-ax12-whole/sum-alone", status.len(), || {
+        let body = black_box(status).get(2..).unwrap_or_default();
+        black_box(body.iter().fold(0u8, |sum, &byte| sum.wrapping_add(byte)));
+    });
+}
+
+/// Ours, for the servo bus.
+struct Servo(StatusReceiver);
+
+impl Receive for Servo {
+    fn receive(&mut self, mut chunk: &[u8], mut found: impl FnMut(Fields<'_>)) {
+        while let Some(packet) = self.0.receive(&mut chunk) {
+            if let Ok(Packet { id, code, params }) = Packet::parse(packet) {
+                found(Fields { rid: id.number(), res: 0, did: code, data: params });
+            }
+        }
+    }
 }
 
 /// Noise: bytes of all values but the first of a start mark, and one start mark with a length that
