@@ -12,7 +12,8 @@
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
-//! - `tests/qemu/`: the images in QEMU.
+//! - `tests/qemu/`: the images in QEMU;
+//! - `cost/`: a crate of its own, what the code costs in instructions.
 
 use embassy_time::{Duration, Instant};
 use hal_mock::board::{Make, VirtualBoard};
