@@ -9,6 +9,7 @@ mod peers;
 use core::hint::black_box;
 
 use crc::{CRC_8_MAXIM_DOW, Crc, NoTable, Table};
+use protocol::arcos;
 use protocol::dynamixel::{Id, Packet, StatusReceiver};
 use protocol::pms5005::{Frame, Receiver, STX};
 
@@ -94,6 +95,7 @@ pub fn cases(meter: &mut impl Meter) {
 
     noise(meter);
     servo(meter);
+    arm(meter);
     checksums(meter);
 }
 
@@ -109,6 +111,28 @@ fn servo(meter: &mut impl Meter) {
         let body = black_box(status).get(2..).unwrap_or_default();
         black_box(body.iter().fold(0u8, |sum, &byte| sum.wrapping_add(byte)));
     });
+}
+
+/// An ARCOS command with a number, as hosts send for every joint: 9 bytes.
+fn arm(meter: &mut impl Meter) {
+    let mut buffer = [0; 9];
+    let command = arcos::Packet { id: 74, data: &[0x3B, 0x80, 0x01] }.encode(&mut buffer);
+    let command: &[u8] = command.map_or(&[], |command| command);
+    case(meter, "receive-arcos-whole/ours", command, usize::MAX, Arm(arcos::Receiver::new()));
+    case(meter, "receive-arcos-by-1/ours", command, 1, Arm(arcos::Receiver::new()));
+}
+
+/// Ours, for ARCOS.
+struct Arm(arcos::Receiver);
+
+impl Receive for Arm {
+    fn receive(&mut self, mut chunk: &[u8], mut found: impl FnMut(Fields<'_>)) {
+        while let Some(packet) = self.0.receive(&mut chunk) {
+            if let Some(arcos::Packet { id, data }) = arcos::Packet::parse(packet) {
+                found(Fields { rid: 0, res: 0, did: id, data });
+            }
+        }
+    }
 }
 
 /// Ours, for the servo bus.
@@ -222,6 +246,15 @@ mod tests {
             });
             assert_eq!(count, 1, "scan, which knows whole frames only");
         }
+    }
+
+    #[test]
+    fn the_other_receivers_find_their_packets_too() {
+        let (mut servo, mut arm) = ([0; 14], [0; 9]);
+        let status = Packet { id: Id::BROADCAST, code: 0, params: &[1; 8] };
+        finds("servo", Servo(StatusReceiver::new()), status.encode(&mut servo).unwrap(), &[1; 8]);
+        let command = arcos::Packet { id: 74, data: &[0x3B, 1, 0] }.encode(&mut arm).unwrap();
+        finds("arm", Arm(arcos::Receiver::new()), command, &[0x3B, 1, 0]);
     }
 
     #[test]
