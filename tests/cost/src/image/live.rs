@@ -44,8 +44,12 @@ pub struct Span {
 
 impl Span {
     const fn new() -> Self {
-        const ZERO: AtomicU32 = AtomicU32::new(0);
-        Self { began: ZERO, sum: ZERO, count: ZERO, longest: ZERO }
+        Self {
+            began: AtomicU32::new(0),
+            sum: AtomicU32::new(0),
+            count: AtomicU32::new(0),
+            longest: AtomicU32::new(0),
+        }
     }
 
     pub fn begin(&self) {
@@ -136,7 +140,9 @@ pub fn cases() {
     over();
 
     link.spawn(token(looks()));
-    while LATENCY.count.load(Relaxed) < ROUNDS {}
+    while LATENCY.count.load(Relaxed) < ROUNDS {
+        core::hint::spin_loop();
+    }
     LATENCY.tell("byte-path/ours", BYTES_A_LOOK);
     over();
 

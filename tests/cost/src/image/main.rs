@@ -27,7 +27,11 @@ struct Counter {
 
 impl Counter {
     fn new() -> Self {
-        Self { empty: ticks(&mut || _ = black_box(())) }
+        Self {
+            empty: ticks(&mut || {
+                black_box(0);
+            }),
+        }
     }
 }
 
