@@ -16,7 +16,7 @@ use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
 use firmware::app;
 use firmware::controller::Controller;
-use firmware::personality::pms5005::{LinkCounters, Pms5005};
+use firmware::personality::pms5005::{Boot, LinkCounters, Pms5005};
 use firmware::ports::{MotionInputs, MotionPort, Outputs};
 use firmware::settings::Settings;
 use protocol::pms5005::{Frame, RID_PMS5005, did};
@@ -157,7 +157,8 @@ pub fn cases() {
     let trial = trial();
     let channels = &*CHANNELS.init_with(Channels::new);
     let controller = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| Pms5005::new(Settings::DEFAULT.link, Instant::now()));
+    let session =
+        SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
     control.spawn(token(controls(controller, channels)));
     link.spawn(token(links(session, channels)));
     let silent = run(SILENT_PERIODS, trial);
@@ -244,7 +245,7 @@ async fn looks() {
 #[embassy_executor::task]
 async fn answers() {
     let (mut rx, mut tx) = (Pieces::new(), Acknowledged);
-    let mut session = Pms5005::new(Settings::DEFAULT.link, Instant::now());
+    let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now());
     let channels = Channels::new();
     let link = app::link(&mut rx, &mut tx, &mut session, &channels);
     select(link, END.wait()).await;
