@@ -10,6 +10,9 @@ use firmware::settings::Settings;
 
 type Host = PioneerArm;
 
+/// What hosts of ARCOS robots open by default.
+const HOST_BAUD: u32 = 9600;
+
 fn host(now: Instant) -> Host {
     PioneerArm::new(Settings::DEFAULT.arm, now)
 }

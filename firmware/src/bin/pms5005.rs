@@ -10,6 +10,9 @@ use firmware::settings::Settings;
 
 type Host = Pms5005;
 
+/// Manual, section "UART".
+const HOST_BAUD: u32 = 115_200;
+
 fn host(now: Instant) -> Host {
     Pms5005::new(Settings::DEFAULT, Boot::default(), now)
 }

@@ -7,6 +7,7 @@
 //! | encoders 0 and 1 | TIM2, TIM4 |
 //! | analogue scan | ADC1, TIM8 CH4 and update, DMA2 streams 0 and 1 |
 //! | host | USART2, DMA1 streams 5 and 6 |
+//! | servo bus, in the CM-5's image only | USART6, no DMA; its pins are DC channels' here |
 //! | display | I2C1, polled |
 //! | rangers, remote | EXTI 1, 4, 5, 7, 8, 10; 13 |
 //! | embassy's clock | TIM5 |
@@ -20,18 +21,20 @@ use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::I2c;
+use embassy_stm32::interrupt::typelevel::{self, Binding, Handler};
 use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, TIM1, TIM2, TIM3, TIM4, TIM8, TIM12, USART2};
 use embassy_stm32::rcc::{Hse, HseMode, enable_and_reset};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
-use embassy_stm32::{bind_interrupts, dma, interrupt, pac};
+use embassy_stm32::{bind_interrupts, dma, pac};
 
 use super::analog::{Addresses, Analog};
+use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::sensing::{Bank, Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
-use super::{Board, boot, line, motion, sensing};
+use super::{Board, BridgeBoard, boot, line, motion, sensing};
 
 /// How this board's bridges want their duty. Change it for drivers with a direction input.
 const STAGE: Stage = Stage::LockedAntiPhase;
@@ -61,13 +64,16 @@ static DRIVES: Drives = Drives {
     outputs: Lines { port: pac::GPIOD, pins: &[8, 9, 10, 11, 12, 13, 14, 15] },
 };
 
+/// The wire is PC6.
+static BUS: Bus = Bus::new(pac::USART6, Lines { port: pac::GPIOC, pins: &[8] });
+
 static ADDRESSES: Addresses = Addresses::new(Lines { port: pac::GPIOB, pins: &[10, 11, 12, 13] });
 
 bind_interrupts!(struct Irqs {
-    EXTI1 => exti::InterruptHandler<interrupt::typelevel::EXTI1>;
-    EXTI4 => exti::InterruptHandler<interrupt::typelevel::EXTI4>;
-    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
-    EXTI15_10 => exti::InterruptHandler<interrupt::typelevel::EXTI15_10>;
+    EXTI1 => exti::InterruptHandler<typelevel::EXTI1>;
+    EXTI4 => exti::InterruptHandler<typelevel::EXTI4>;
+    EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
+    EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
     USART2 => line::InterruptHandler<USART2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
@@ -83,13 +89,62 @@ pub fn safe_state() {
     DRIVES.make_safe();
 }
 
-/// Starts the clocks, puts the outputs into their safe state, then starts everything else.
-pub fn start() -> Board {
+// What both kinds of board claim alike. A macro, since a function cannot take some tokens and leave
+// the others.
+macro_rules! claim_enables {
+    ($p:ident) => {
+        DRIVES.enables.claim(
+            [
+                $p.PE2.into(),
+                $p.PE4.into(),
+                $p.PE5.into(),
+                $p.PE6.into(),
+                $p.PE7.into(),
+                $p.PE8.into(),
+            ],
+            Speed::Low,
+        )
+    };
+}
+macro_rules! claim_outputs {
+    ($p:ident) => {
+        DRIVES.outputs.claim(
+            [
+                $p.PD8.into(),
+                $p.PD9.into(),
+                $p.PD10.into(),
+                $p.PD11.into(),
+                $p.PD12.into(),
+                $p.PD13.into(),
+                $p.PD14.into(),
+                $p.PD15.into(),
+            ],
+            Speed::Low,
+        )
+    };
+}
+macro_rules! host_line {
+    ($p:ident, $baud:ident) => {
+        line::new(
+            line::Parts {
+                usart: $p.USART2,
+                registers: pac::USART2,
+                rx: $p.PA3,
+                tx: $p.PA2,
+                rx_dma: $p.DMA1_CH5,
+                tx_dma: $p.DMA1_CH6,
+            },
+            $baud,
+            Irqs,
+        )
+    };
+}
+
+/// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
+/// host's line at `baud`.
+pub fn start(baud: u32) -> Board {
     let p = boot::clocks(CLOCK);
-    DRIVES.enables.claim(
-        [p.PE2.into(), p.PE4.into(), p.PE5.into(), p.PE6.into(), p.PE7.into(), p.PE8.into()],
-        Speed::Low,
-    );
+    claim_enables!(p);
     let watchdog = boot::watchdog(p.IWDG);
 
     enable_and_reset::<TIM1>();
@@ -111,19 +166,7 @@ pub fn start() -> Board {
     DRIVES.servos[3].claim::<TIM3, Ch4>(p.PB1);
     DRIVES.servos[4].claim::<TIM12, Ch1>(p.PB14);
     DRIVES.servos[5].claim::<TIM12, Ch2>(p.PB15);
-    DRIVES.outputs.claim(
-        [
-            p.PD8.into(),
-            p.PD9.into(),
-            p.PD10.into(),
-            p.PD11.into(),
-            p.PD12.into(),
-            p.PD13.into(),
-            p.PD14.into(),
-            p.PD15.into(),
-        ],
-        Speed::Low,
-    );
+    claim_outputs!(p);
     let motion = Motion::new(
         &DRIVES,
         Analog::new(
@@ -188,15 +231,31 @@ pub fn start() -> Board {
     };
     let remote = Remote(ExtiInput::new(p.PC13, p.EXTI13, Pull::Up, Irqs));
 
-    let host = line::Parts {
-        usart: p.USART2,
-        registers: pac::USART2,
-        rx: p.PA3,
-        tx: p.PA2,
-        rx_dma: p.DMA1_CH5,
-        tx_dma: p.DMA1_CH6,
-    };
-    let (rx, tx) = line::new(host, Irqs);
+    let (rx, tx) = host_line!(p, baud);
     let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
     Board { motion, sensing: Sensing { remote, bank }, display, rx, tx, watchdog }
+}
+
+/// The servo bus's interrupt, for an image that calls [`start_bridge`].
+pub struct BusInterrupt;
+
+impl Handler<typelevel::USART6> for BusInterrupt {
+    unsafe fn on_interrupt() {
+        BUS.on_interrupt();
+    }
+}
+
+/// Starts the clocks, puts the outputs into their safe state, then starts what the CM-5's bridge
+/// takes, the PC's line at `baud`. Bridges and servos have no timer.
+pub fn start_bridge(
+    baud: u32,
+    _interrupt: impl Binding<typelevel::USART6, BusInterrupt>,
+) -> BridgeBoard {
+    let p = boot::clocks(CLOCK);
+    claim_enables!(p);
+    let watchdog = boot::watchdog(p.IWDG);
+    claim_outputs!(p);
+    let (pc_rx, pc_tx) = host_line!(p, baud);
+    let (bus_rx, bus_tx) = BUS.start(p.USART6, p.PC6, p.PC8.into());
+    BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog }
 }

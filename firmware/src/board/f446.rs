@@ -9,6 +9,7 @@
 //! | encoders 0 and 1 | TIM2, TIM4 | 2 of 2 |
 //! | analogue scan | ADC1, TIM8 CH4 and update, DMA2 streams 0 and 1 | all |
 //! | host | USART2, DMA1 streams 5 and 6: the ST-LINK's virtual COM port | |
+//! | servo bus, in the CM-5's image only | USART6, no DMA; its pins are DC channels' here | |
 //! | display | I2C1, polled | yes |
 //! | rangers 0 to 2 | EXTI 1, 7, 12 | 3 of 6, the others read 255: nothing in range |
 //! | remote | EXTI 2 | yes |
@@ -27,19 +28,21 @@ use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::I2c;
+use embassy_stm32::interrupt::typelevel::{self, Binding, Handler};
 use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, TIM1, TIM2, TIM3, TIM4, TIM8, TIM12, USART2};
 use embassy_stm32::rcc::{Hse, HseMode, enable_and_reset};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
-use embassy_stm32::{bind_interrupts, dma, interrupt, pac};
+use embassy_stm32::{bind_interrupts, dma, pac};
 use protocol::pms5005::CHANNELS;
 
 use super::analog::{Addresses, Analog};
+use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::sensing::{Bank, Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
-use super::{Board, boot, line, motion, sensing};
+use super::{Board, BridgeBoard, boot, line, motion, sensing};
 
 /// The ST-LINK's MCO drives OSC_IN.
 const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Bypass };
@@ -67,13 +70,16 @@ static DRIVES: Drives = Drives {
     outputs: Lines { port: pac::GPIOA, pins: &[5, 4] },
 };
 
+/// The wire is PC6.
+static BUS: Bus = Bus::new(pac::USART6, Lines { port: pac::GPIOC, pins: &[8] });
+
 static ADDRESSES: Addresses = Addresses::new(Lines { port: pac::GPIOB, pins: &[2, 10, 12, 13] });
 
 bind_interrupts!(struct Irqs {
-    EXTI1 => exti::InterruptHandler<interrupt::typelevel::EXTI1>;
-    EXTI2 => exti::InterruptHandler<interrupt::typelevel::EXTI2>;
-    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
-    EXTI15_10 => exti::InterruptHandler<interrupt::typelevel::EXTI15_10>;
+    EXTI1 => exti::InterruptHandler<typelevel::EXTI1>;
+    EXTI2 => exti::InterruptHandler<typelevel::EXTI2>;
+    EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
+    EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
     USART2 => line::InterruptHandler<USART2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
@@ -89,13 +95,50 @@ pub fn safe_state() {
     DRIVES.make_safe();
 }
 
-/// Starts the clocks, puts the outputs into their safe state, then starts everything else.
-pub fn start() -> Board {
+// What both kinds of board claim alike. A macro, since a function cannot take some tokens and leave
+// the others.
+macro_rules! claim_enables {
+    ($p:ident) => {
+        DRIVES.enables.claim(
+            [
+                $p.PC0.into(),
+                $p.PC3.into(),
+                $p.PC5.into(),
+                $p.PC9.into(),
+                $p.PC10.into(),
+                $p.PC11.into(),
+            ],
+            Speed::Low,
+        )
+    };
+}
+macro_rules! claim_outputs {
+    ($p:ident) => {
+        DRIVES.outputs.claim([$p.PA5.into(), $p.PA4.into()], Speed::Low)
+    };
+}
+macro_rules! host_line {
+    ($p:ident, $baud:ident) => {
+        line::new(
+            line::Parts {
+                usart: $p.USART2,
+                registers: pac::USART2,
+                rx: $p.PA3,
+                tx: $p.PA2,
+                rx_dma: $p.DMA1_CH5,
+                tx_dma: $p.DMA1_CH6,
+            },
+            $baud,
+            Irqs,
+        )
+    };
+}
+
+/// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
+/// host's line at `baud`.
+pub fn start(baud: u32) -> Board {
     let p = boot::clocks(CLOCK);
-    DRIVES.enables.claim(
-        [p.PC0.into(), p.PC3.into(), p.PC5.into(), p.PC9.into(), p.PC10.into(), p.PC11.into()],
-        Speed::Low,
-    );
+    claim_enables!(p);
     let watchdog = boot::watchdog(p.IWDG);
 
     enable_and_reset::<TIM1>();
@@ -117,7 +160,7 @@ pub fn start() -> Board {
     DRIVES.servos[3].claim::<TIM3, Ch4>(p.PB1);
     DRIVES.servos[4].claim::<TIM12, Ch1>(p.PB14);
     DRIVES.servos[5].claim::<TIM12, Ch2>(p.PB15);
-    DRIVES.outputs.claim([p.PA5.into(), p.PA4.into()], Speed::Low);
+    claim_outputs!(p);
     let motion = Motion::new(
         &DRIVES,
         Analog::new(
@@ -154,15 +197,31 @@ pub fn start() -> Board {
     };
     let remote = Remote(ExtiInput::new(p.PD2, p.EXTI2, Pull::Up, Irqs));
 
-    let host = line::Parts {
-        usart: p.USART2,
-        registers: pac::USART2,
-        rx: p.PA3,
-        tx: p.PA2,
-        rx_dma: p.DMA1_CH5,
-        tx_dma: p.DMA1_CH6,
-    };
-    let (rx, tx) = line::new(host, Irqs);
+    let (rx, tx) = host_line!(p, baud);
     let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
     Board { motion, sensing: Sensing { remote, bank }, display, rx, tx, watchdog }
+}
+
+/// The servo bus's interrupt, for an image that calls [`start_bridge`].
+pub struct BusInterrupt;
+
+impl Handler<typelevel::USART6> for BusInterrupt {
+    unsafe fn on_interrupt() {
+        BUS.on_interrupt();
+    }
+}
+
+/// Starts the clocks, puts the outputs into their safe state, then starts what the CM-5's bridge
+/// takes, the PC's line at `baud`. Bridges and servos have no timer.
+pub fn start_bridge(
+    baud: u32,
+    _interrupt: impl Binding<typelevel::USART6, BusInterrupt>,
+) -> BridgeBoard {
+    let p = boot::clocks(CLOCK);
+    claim_enables!(p);
+    let watchdog = boot::watchdog(p.IWDG);
+    claim_outputs!(p);
+    let (pc_rx, pc_tx) = host_line!(p, baud);
+    let (bus_rx, bus_tx) = BUS.start(p.USART6, p.PC6, p.PC8.into());
+    BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog }
 }

@@ -1,4 +1,4 @@
-//! The host's line: a UART, 115200 8N1, `embedded_io_async`'s `Read` and `Write`.
+//! The host's line: a UART, 8N1 at the image's baud, `embedded_io_async`'s `Read` and `Write`.
 //!
 //! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at every
 //! [`LOOK_PERIOD`]. embassy's own receivers are not used, because each of their looks reads the
@@ -16,10 +16,13 @@ pub use under_qemu::{InterruptHandler, Receiver, Sender, new};
 
 use embassy_stm32::Peri;
 use embassy_stm32::pac::usart::Usart;
-use embassy_stm32::usart::{Instance, RxDma, RxPin, TxDma, TxPin};
+use embassy_stm32::usart::{Config, Instance, RxDma, RxPin, TxDma, TxPin};
 
-/// Room for what arrives while the link's task is held up: 256 bytes take 22 ms at 115200 baud;
-/// the longest hold-up is a picture's 2 ms on the display.
+/// Room for what arrives while nobody looks. At 115200 baud 256 bytes take 22 ms, and the longest
+/// hold-up of the link's task is a picture's 2 ms on the display. At 1 Mbaud, the CM-5's, they take
+/// 2.56 ms: a look comes after 1 ms, another 1 ms after an error (`LINE_DOWN` in `app`), and the
+/// only task has no picture to show; 0.5 ms are to spare. The length of a packet does not matter,
+/// since a reader that finds bytes comes back for more at once.
 const RING: usize = 256;
 
 /// What the line is made of. The compiler checks each pin and stream against the chip.
@@ -38,6 +41,13 @@ pub struct Parts<T: Instance, Rx: RxPin<T>, Tx: TxPin<T>, RxD: RxDma<T>, TxD: Tx
     pub tx_dma: Peri<'static, TxD>,
 }
 
+/// 8N1 is embassy's default.
+fn config(baud: u32) -> Config {
+    let mut config = Config::default();
+    config.baudrate = baud;
+    config
+}
+
 #[cfg(not(feature = "qemu"))]
 mod real {
     use core::sync::atomic::{AtomicU8, Ordering};
@@ -48,14 +58,12 @@ mod real {
     use embassy_stm32::pac::dma::vals::{Dir, Size};
     use embassy_stm32::pac::usart::Usart;
     pub use embassy_stm32::usart::InterruptHandler;
-    use embassy_stm32::usart::{
-        self, Config, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx,
-    };
+    use embassy_stm32::usart::{self, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx};
     use embassy_time::{Duration, Timer};
     use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 
     use super::super::dma::{Round, Stream};
-    use super::{Parts, RING};
+    use super::{Parts, RING, config};
 
     /// The ring is looked at this often. It bounds the answer's delay, and costs some 0.2 % of the
     /// processor.
@@ -67,6 +75,7 @@ mod real {
     /// Both halves of the line, receiving. `interrupts` are those of the UART and of both streams.
     pub fn new<T: Instance, RxD: RxDma<T>, TxD: TxDma<T>>(
         parts: Parts<T, impl RxPin<T>, impl TxPin<T>, RxD, TxD>,
+        baud: u32,
         interrupts: impl Binding<T::Interrupt, InterruptHandler<T>>
         + Binding<RxD::Interrupt, dma::InterruptHandler<RxD>>
         + Binding<TxD::Interrupt, dma::InterruptHandler<TxD>>
@@ -82,8 +91,7 @@ mod real {
             memory: BYTES.as_ptr() as u32,
             items: RING as u16,
         };
-        // 115200 8N1 are embassy's defaults, which this clock can make.
-        let uart = Uart::new(usart, rx, tx, tx_dma, rx_dma, interrupts, Config::default());
+        let uart = Uart::new(usart, rx, tx, tx_dma, rx_dma, interrupts, config(baud));
         let (tx, rx) = defmt::unwrap!(uart).split();
         // SAFETY: BYTES is a static of RING atomic bytes; the stream is ours through `_uart`.
         unsafe { ring.start() };
@@ -209,14 +217,12 @@ mod under_qemu {
     use embassy_stm32::mode::Blocking;
     use embassy_stm32::pac;
     use embassy_stm32::peripherals::USART2;
-    use embassy_stm32::usart::{
-        self, Config, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx,
-    };
+    use embassy_stm32::usart::{self, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx};
     use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
     use embassy_sync::pipe::Pipe;
     use embedded_io_async::{ErrorType, Read, Write};
 
-    use super::{Parts, RING};
+    use super::{Parts, RING, config};
 
     static BYTES: Pipe<CriticalSectionRawMutex, RING> = Pipe::new();
 
@@ -237,12 +243,13 @@ mod under_qemu {
     /// Both halves of the line, receiving.
     pub fn new<T: Instance, RxD: RxDma<T>, TxD: TxDma<T>>(
         parts: Parts<T, impl RxPin<T>, impl TxPin<T>, RxD, TxD>,
+        baud: u32,
         _interrupts: impl Binding<T::Interrupt, InterruptHandler<T>>,
     ) -> (Receiver, Sender)
     where
         InterruptHandler<T>: Handler<T::Interrupt>,
     {
-        let uart = Uart::new_blocking(parts.usart, parts.rx, parts.tx, Config::default());
+        let uart = Uart::new_blocking(parts.usart, parts.rx, parts.tx, config(baud));
         let (tx, rx) = defmt::unwrap!(uart).split();
         parts.registers.cr1().modify(|w| w.set_rxneie(true));
         // SAFETY: the handler above touches nothing but the receive side and its pipe.

@@ -12,6 +12,7 @@
 //! | [`motion`] | those, the encoders and the fast inputs as one port |
 //! | [`analog`] | 48 analogue inputs through three multiplexers, scanned without the CPU |
 //! | [`line`] | the host's UART |
+//! | [`bus`] | the bus of AX-12 servos, for the CM-5's image |
 //! | [`sensing`] | ultrasonic rangers, infrared remote, the slow sensors' port |
 //! | [`ssd1306`] | the display |
 //! | `fault` | panic and hard fault: outputs safe first |
@@ -40,6 +41,7 @@ mod fault;
 mod systick;
 
 pub mod analog;
+pub mod bus;
 pub mod drives;
 pub mod line;
 pub mod motion;
@@ -50,12 +52,12 @@ pub mod ssd1306;
 #[cfg_attr(feature = "board-f446", path = "f446.rs")]
 mod selected;
 
-pub use selected::{Motion, Sensing, safe_state, start};
+pub use selected::{BusInterrupt, Motion, Sensing, safe_state, start, start_bridge};
 
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 
-/// The board's parts, each for its task.
+/// The parts of a board with motors, each for its task.
 pub struct Board {
     /// For `app::control`.
     pub motion: Motion,
@@ -68,5 +70,20 @@ pub struct Board {
     /// For `app::link`, to the host.
     pub tx: line::Sender,
     /// For `app::supervise`.
+    pub watchdog: IndependentWatchdog<'static, IWDG>,
+}
+
+/// The parts of a board between a PC and a servo bus, for `app::bridge`. The outputs are in their
+/// safe state, and nobody can change it.
+pub struct BridgeBoard {
+    /// From the PC.
+    pub pc_rx: line::Receiver,
+    /// To the PC.
+    pub pc_tx: line::Sender,
+    /// Hears the bus.
+    pub bus_rx: bus::Receiver,
+    /// Sends on the bus.
+    pub bus_tx: bus::Sender,
+    /// For `Presence::supervise`.
     pub watchdog: IndependentWatchdog<'static, IWDG>,
 }

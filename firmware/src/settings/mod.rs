@@ -145,6 +145,9 @@ pub enum OnSilence {
 /// The CM-5 bridge's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BridgeSettings {
+    /// Baud of the board's line to the PC; default 1,000,000. A stock CM-5's port has 57,600. The
+    /// virtual board has an option instead.
+    pub pc_baud: u32,
     /// Silence of the PC, in ms, after which `on_silence` is done and hellos are said again; 0
     /// never. Default 1000.
     pub pc_timeout_ms: u16,
@@ -161,6 +164,7 @@ pub struct BridgeSettings {
 impl BridgeSettings {
     /// The defaults named at each field.
     pub const DEFAULT: Self = Self {
+        pc_baud: 1_000_000,
         pc_timeout_ms: 1000,
         on_silence: OnSilence::Freeze,
         search_retries: 2,

@@ -1,5 +1,6 @@
 //! What the images over the controller have in common: the library's tasks over the parts of the
-//! board that a cargo feature selects. The image names its session: `Host`, made by `host`.
+//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, and how fast
+//! its host talks, `HOST_BAUD`.
 //!
 //! Three executors: control on an interrupt above sensing on another, so that a control period
 //! never waits; link, display and supervision in the thread.
@@ -20,7 +21,7 @@ use firmware::personality::Session;
 use firmware::settings::Settings;
 use static_cell::StaticCell;
 
-use crate::{Host, host};
+use crate::{HOST_BAUD, Host, host};
 
 type Channels = app::Channels<CriticalSectionRawMutex, <Host as Session>::Counters>;
 
@@ -72,7 +73,7 @@ async fn link(
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog } =
-        BOARD.init_with(board::start);
+        BOARD.init_with(|| board::start(HOST_BAUD));
     let all = &*CHANNELS.init_with(Channels::new);
     let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
     let session = SESSION.init_with(|| host(Instant::now()));

@@ -1,0 +1,44 @@
+//! The CM-5's bridge on the board that a cargo feature selects. It drives nothing: every enable
+//! line and output is low.
+//!
+//! One executor, in the thread, and one future on it: whatever the bridge does between two bytes
+//! takes microseconds, and the UARTs need nobody meanwhile.
+#![no_std]
+#![no_main]
+
+use core::cell::RefCell;
+
+use defmt_rtt as _;
+use embassy_executor::Spawner;
+use embassy_futures::join::join;
+use embassy_stm32::bind_interrupts;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_time::Instant;
+use firmware::app;
+use firmware::board::{self, BridgeBoard};
+use firmware::personality::cm5::Bridge;
+use firmware::settings::BridgeSettings;
+use static_cell::StaticCell;
+
+const SETTINGS: BridgeSettings = BridgeSettings::DEFAULT;
+
+static BOARD: StaticCell<BridgeBoard> = StaticCell::new();
+static BRIDGE: StaticCell<RefCell<Bridge>> = StaticCell::new();
+
+// Here and not in the board's file, so that other images do not carry it.
+bind_interrupts!(struct Irqs {
+    USART6 => board::BusInterrupt;
+});
+
+#[embassy_executor::main]
+async fn main(_spawner: Spawner) {
+    let BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog } =
+        BOARD.init_with(|| board::start_bridge(SETTINGS.pc_baud, Irqs));
+    let bridge = BRIDGE.init_with(|| RefCell::new(Bridge::new(SETTINGS, Instant::now())));
+    let presence = app::bridge_presence::<NoopRawMutex>();
+    join(
+        app::bridge((pc_rx, pc_tx), (bus_rx, bus_tx), bridge, &presence),
+        presence.supervise(|| watchdog.pet()),
+    )
+    .await;
+}

@@ -1,0 +1,208 @@
+//! The servo bus: one wire, half duplex, 1 Mbaud 8N1, `embedded_io_async`'s `Read` and `Write`.
+//!
+//! Vocabulary: the *wire* is the UART's TX pin, open drain, which the UART releases when it is not
+//! sending, and listens to all the time, also to itself: the *echo*. The *direction* line is high
+//! from before the first start bit until the last stop bit has left (TC), for a buffer between wire
+//! and bus; a bus that is on the wire itself does without. So one image serves both, and hears
+//! its echo with both (README.md beside this file has the two wirings).
+//!
+//! Promises, by reading only, since no machine here has such a wire:
+//! - A write is complete at TC, and what is written in one piece leaves in one piece. The receiver
+//!   is never switched off, so a servo may answer at once.
+//! - A reader is woken by every byte, and the bus waits for no pause to tell that an answer is
+//!   complete. Nobody else reads the data register, and nobody ever writes the status register, so
+//!   no byte is lost to a race (`line` says how that happens).
+//! - A byte lost all the same is an error once. One that was damaged is handed over as it was
+//!   read: echo and checksum judge it, and an error would cost the bus a millisecond.
+//!
+//! Deadlines: the interrupt comes twice in 10 us at the most, and must come within 10 us of a byte
+//! or the next one is lost. What is in its way is embassy's clock, some 2 us. As much later than
+//! TC may the direction change, while a servo with the shortest return delay answers 2 us
+//! after TC, and a real AX-12 takes some 20 us more.
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use embassy_stm32::Peri;
+use embassy_stm32::gpio::{AnyPin, Speed};
+use embassy_stm32::interrupt::typelevel::Interrupt;
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac::usart::Usart;
+use embassy_stm32::usart::{
+    Config, HalfDuplexReadback, Instance, OutputConfig, TxPin, Uart, UartRx, UartTx,
+};
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::pipe::Pipe;
+use embassy_sync::signal::Signal;
+use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
+
+use super::drives::Lines;
+use crate::personality::cm5::MAX_REQUEST;
+
+/// The servos' (AX-12, register 4 at 1).
+const BAUD: u32 = 1_000_000;
+
+/// Room for what is heard while the bridge is busy: the longest request, whose echo is read when
+/// all of it has left, and an answer, 157 bytes in all.
+const RING: usize = 256;
+
+/// What the interrupt and both halves of a bus share. A board has one, a static.
+pub struct Bus {
+    registers: Usart,
+    /// One line.
+    direction: Lines,
+    heard: Pipe<CriticalSectionRawMutex, RING>,
+    /// Something was heard that is not there.
+    lost: AtomicBool,
+    outgoing: Pipe<CriticalSectionRawMutex, MAX_REQUEST>,
+    sent: Signal<CriticalSectionRawMutex, ()>,
+}
+
+impl Bus {
+    /// On this UART, with this direction line.
+    pub const fn new(registers: Usart, direction: Lines) -> Self {
+        Self {
+            registers,
+            direction,
+            heard: Pipe::new(),
+            lost: AtomicBool::new(false),
+            outgoing: Pipe::new(),
+            sent: Signal::new(),
+        }
+    }
+
+    /// Both halves, receiving. `usart` is the UART of `new`, whose interrupt must end in
+    /// [`on_interrupt`](Self::on_interrupt), and `direction` its line.
+    ///
+    /// # Panics
+    /// If `direction` is another line.
+    pub fn start<T: Instance>(
+        &'static self,
+        usart: Peri<'static, T>,
+        wire: Peri<'static, impl TxPin<T>>,
+        direction: Peri<'static, AnyPin>,
+    ) -> (Receiver, Sender) {
+        self.direction.claim([direction], Speed::Medium);
+        let mut config = Config::default();
+        config.baudrate = BAUD;
+        config.tx_config = OutputConfig::OpenDrain;
+        let readback = HalfDuplexReadback::Readback;
+        let uart = Uart::new_blocking_half_duplex(usart, wire, config, readback);
+        let (tx, rx) = defmt::unwrap!(uart).split();
+        self.registers.cr1().modify(|w| {
+            w.set_te(true);
+            w.set_re(true);
+            w.set_rxneie(true);
+        });
+        // SAFETY: nobody relies on the interrupt being masked: what it shares with the halves is
+        // atomic or behind a critical section.
+        unsafe { T::Interrupt::enable() };
+        (Receiver { bus: self, _uart: rx }, Sender { bus: self, _uart: tx })
+    }
+
+    /// Does what the UART asks for. Status first, then data: that order clears the flags
+    /// (RM0090 30.6.1).
+    pub fn on_interrupt(&self) {
+        let status = self.registers.sr().read();
+        if status.rxne() || status.ore() {
+            let byte = self.registers.dr().read().dr() as u8; // 8 data bits
+            let is_full = status.rxne() && self.heard.try_write(&[byte]).is_err();
+            if is_full || status.ore() {
+                self.lost.store(true, Ordering::Relaxed);
+            }
+        }
+        let enabled = self.registers.cr1().read();
+        if enabled.txeie() && status.txe() {
+            let mut byte = [0];
+            if self.outgoing.try_read(&mut byte).is_ok() {
+                self.registers.dr().write(|w| w.set_dr(byte[0].into()));
+            } else {
+                self.registers.cr1().modify(|w| {
+                    w.set_txeie(false);
+                    w.set_tcie(true);
+                });
+            }
+        } else if enabled.tcie() && status.tc() {
+            self.direction.write(0);
+            self.registers.cr1().modify(|w| w.set_tcie(false));
+            self.sent.signal(());
+        }
+    }
+
+    /// Begins to send what is in `outgoing`.
+    fn send(&self) {
+        self.direction.write(1);
+        critical_section::with(|_| self.registers.cr1().modify(|w| w.set_txeie(true)));
+        // QEMU 7.2 has no transmit interrupts.
+        #[cfg(feature = "qemu")]
+        while !self.sent.signaled() {
+            critical_section::with(|_| self.on_interrupt());
+        }
+    }
+}
+
+/// Bytes were heard that nobody can have any more, and those before them are dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub struct Lost;
+
+impl core::fmt::Display for Lost {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("bytes of the servo bus lost")
+    }
+}
+
+impl core::error::Error for Lost {}
+
+impl Error for Lost {
+    fn kind(&self) -> ErrorKind {
+        ErrorKind::Other
+    }
+}
+
+/// Hears the bus.
+pub struct Receiver {
+    bus: &'static Bus,
+    /// Owns the UART.
+    _uart: UartRx<'static, Blocking>,
+}
+
+impl ErrorType for Receiver {
+    type Error = Lost;
+}
+
+impl Read for Receiver {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
+        if self.bus.lost.swap(false, Ordering::Relaxed) {
+            self.bus.heard.clear();
+            return Err(Lost);
+        }
+        Ok(self.bus.heard.read(buffer).await)
+    }
+}
+
+/// Sends on the bus.
+pub struct Sender {
+    bus: &'static Bus,
+    /// Owns the UART and its pin.
+    _uart: UartTx<'static, Blocking>,
+}
+
+impl ErrorType for Sender {
+    type Error = core::convert::Infallible;
+}
+
+impl Write for Sender {
+    /// Of a request, no more than [`MAX_REQUEST`] bytes.
+    async fn write(&mut self, request: &[u8]) -> Result<usize, Self::Error> {
+        let count = request.len().min(MAX_REQUEST);
+        self.bus.sent.reset();
+        self.bus.outgoing.write_all(&request[..count]).await; // there is room: the last has left
+        self.bus.send();
+        self.bus.sent.wait().await;
+        Ok(count)
+    }
+
+    /// Nothing to do: a write is complete when the last stop bit has left.
+    async fn flush(&mut self) -> Result<(), Self::Error> {
+        Ok(())
+    }
+}
