@@ -17,10 +17,7 @@ use std::time::{Duration, Instant};
 use protocol::pms5005::{self, Frame, Receiver, Report};
 
 use crate::gdb::{Gdb, PC};
-use crate::process::{Qemu, bytes_from, image, version};
-
-/// The image with what the machine lacks replaced.
-pub const IMAGE: &str = "pms5005-qemu";
+use crate::process::{self, Qemu, bytes_from, version};
 
 /// Why a version of QEMU will not do: its machine and its log are those that these tests know, or
 /// they are not.
@@ -64,6 +61,9 @@ const READY: [Ready; 5] = [
     (0x4002_3C00, 0, |w| w),                       // FLASH_ACR: LATENCY reads back
 ];
 
+/// USART6, the last of the serial lines that the machine is given.
+const BUS: &str = "usart6";
+
 /// A running machine. It ends when it is dropped.
 pub struct Machine {
     gdb: Gdb,
@@ -73,21 +73,22 @@ pub struct Machine {
     log: File,
     /// The part of the log that has been read, from the last [`Machine::forget`].
     seen: String,
-    _qemu: Qemu,
+    qemu: Qemu,
 }
 
 impl Machine {
-    /// Boots the image. `name` is the test's.
+    /// Boots an image in which what the machine lacks is replaced. `name` is the test's.
     ///
     /// # Panics
     /// If QEMU is missing or of another version, or the image does not come through.
-    pub fn boot(name: &str) -> Self {
+    pub fn boot(name: &str, image: &str) -> Self {
         if let Some(reason) = refusal(&version()) {
             panic!("{reason}");
         }
         let options = ["-S", "-d", "unimp,guest_errors", "-D", "log", "-serial", "null"];
-        let sockets = [("-gdb", "gdb"), ("-serial", "uart")];
-        let qemu = Qemu::start(name, &image(IMAGE), &options, &sockets);
+        let lines = ["uart", "usart3", "uart4", "uart5", BUS].map(|name| ("-serial", name));
+        let sockets = [&[("-gdb", "gdb")][..], &lines].concat();
+        let qemu = Qemu::start(name, &process::image(image), &options, &sockets);
         let uart = qemu.connect("uart");
         let mut machine = Self {
             gdb: Gdb::new(qemu.connect("gdb")),
@@ -96,7 +97,7 @@ impl Machine {
             receiver: Receiver::new(),
             log: File::open(qemu.path("log")).unwrap(),
             seen: String::new(),
-            _qemu: qemu,
+            qemu,
         };
         machine.answer_ready_bits();
         machine
@@ -161,17 +162,32 @@ impl Machine {
         panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
     }
 
+    /// The servo bus of an image that has one.
+    pub fn bus(&self) -> UnixStream {
+        self.qemu.connect(BUS)
+    }
+
+    /// Sends what a host sends.
+    pub fn send_bytes(&mut self, bytes: &[u8]) {
+        self.uart.write_all(bytes).unwrap();
+    }
+
+    /// Waits for a byte to the host, until then.
+    pub fn byte(&self, until: Instant) -> Option<u8> {
+        self.from_image.recv_timeout(until.saturating_duration_since(Instant::now())).ok()
+    }
+
     /// Sends a command of the host.
     pub fn send(&mut self, command: pms5005::Command<'_>) {
         let mut buffer = [0; 264];
         let frame = command.encode(0, &mut buffer).unwrap();
-        self.uart.write_all(frame).unwrap();
+        self.send_bytes(frame);
     }
 
     /// Waits for a frame: its DID and DATA, and whether it is telemetry.
     pub fn frame(&mut self) -> (u8, Vec<u8>, bool) {
         let deadline = Instant::now() + PATIENCE;
-        while let Ok(byte) = self.from_image.recv_timeout(deadline - Instant::now()) {
+        while let Some(byte) = self.byte(deadline) {
             if let Some(frame) = self.receiver.receive(&mut &[byte][..]) {
                 let Frame { res, did, data, .. } = Frame::parse(frame).unwrap();
                 return (did, data.to_vec(), res == 255);
@@ -236,6 +252,11 @@ impl Machine {
     fn log_tail(&mut self, with: &str) -> String {
         let lines: Vec<_> = self.log().lines().filter(|line| line.contains(with)).collect();
         lines[lines.len().saturating_sub(40)..].join("\n")
+    }
+
+    /// Whether a device has been touched since the last [`forget`](Self::forget).
+    pub fn is_touched(&mut self, device: &str) -> bool {
+        self.log().contains(&format!("{device}: unimplemented device"))
     }
 
     /// Whether a device's register has been written since the last [`forget`](Self::forget).

@@ -2,11 +2,12 @@
 //!
 //!     .ci/images && cargo test -p tests --test qemu -- --ignored --test-threads 2
 //!
-//! The virtual board's image is in `simulated`. Here is the STM32F407 board's: frames go in over
+//! The virtual board's image is in `simulated`, the CM-5's in `bridge`. Here is the STM32F407 board's: frames go in over
 //! its UART, and the registers that it writes come out of QEMU's log. It differs from the image
 //! that is flashed only in what the machine lacks (the firmware's feature `qemu`): SysTick for
 //! TIM5's compare channels, a receive interrupt and polled sending for the UART's DMA.
 
+mod bridge;
 mod gdb;
 mod machine;
 mod process;
@@ -14,11 +15,14 @@ mod script;
 mod simulated;
 
 use gdb::{PC, SP};
-use machine::{IMAGE, Machine};
+use machine::Machine;
 use process::image;
 use protocol::pms5005::{
     Addressing, CHANNELS, Command, Move, Quantity, Repeat, Report, Reports, Scope,
 };
+
+/// The PMS5005 with what the machine lacks replaced.
+const IMAGE: &str = "pms5005-qemu";
 
 /// Register offsets: GPIO's BSRR, a timer's CCR1, the watchdog's KR.
 const BSRR: u32 = 0x18;
@@ -68,7 +72,7 @@ fn set_everything_going(machine: &mut Machine) {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn the_image_acknowledges_streams_and_drives_its_registers() {
-    let mut machine = Machine::boot("drives");
+    let mut machine = Machine::boot("drives", IMAGE);
 
     // All telemetry is on at boot.
     machine.report(|report| matches!(report, Report::Motors(_)).then_some(()));
@@ -125,7 +129,7 @@ fn the_image_acknowledges_streams_and_drives_its_registers() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_silent_host_stops_the_bridges() {
-    let mut machine = Machine::boot("silence");
+    let mut machine = Machine::boot("silence", IMAGE);
     machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
     machine.written("GPIOE", BSRR, 1 << 2);
     machine.forget();
@@ -136,7 +140,7 @@ fn a_silent_host_stops_the_bridges() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
-    let mut machine = Machine::boot("overflow");
+    let mut machine = Machine::boot("overflow", IMAGE);
     set_everything_going(&mut machine);
     machine.forget();
     // The stack grows down to the very start of SRAM: the next push has nowhere to go.
@@ -151,7 +155,7 @@ fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_panic_puts_the_outputs_into_their_safe_state() {
     let panic = gdb::function(&image(IMAGE), "panic_bounds_check");
-    let mut machine = Machine::boot("panic");
+    let mut machine = Machine::boot("panic", IMAGE);
     set_everything_going(&mut machine);
     machine.forget();
     machine.stopped(|gdb| {
