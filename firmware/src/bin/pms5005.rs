@@ -10,7 +10,7 @@ use firmware::settings::Settings;
 
 type Host = Pms5005;
 
-/// Manual, section "UART".
+/// The manual: "115200kbps, N, 8, 1".
 const HOST_BAUD: u32 = 115_200;
 
 fn host(now: Instant) -> Host {

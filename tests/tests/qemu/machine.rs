@@ -77,15 +77,17 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Boots an image in which what the machine lacks is replaced. `name` is the test's.
+    /// Boots an image in which what the machine lacks is replaced. `name` is the test's, `options`
+    /// are QEMU's besides those that every test needs.
     ///
     /// # Panics
     /// If QEMU is missing or of another version, or the image does not come through.
-    pub fn boot(name: &str, image: &str) -> Self {
+    pub fn boot(name: &str, image: &str, options: &[&str]) -> Self {
         if let Some(reason) = refusal(&version()) {
             panic!("{reason}");
         }
-        let options = ["-S", "-d", "unimp,guest_errors", "-D", "log", "-serial", "null"];
+        let log = ["-S", "-d", "unimp,guest_errors", "-D", "log", "-serial", "null"];
+        let options = [&log[..], options].concat();
         let lines = ["uart", "usart3", "uart4", "uart5", BUS].map(|name| ("-serial", name));
         let sockets = [&[("-gdb", "gdb")][..], &lines].concat();
         let qemu = Qemu::start(name, &process::image(image), &options, &sockets);

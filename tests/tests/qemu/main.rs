@@ -72,7 +72,7 @@ fn set_everything_going(machine: &mut Machine) {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn the_image_acknowledges_streams_and_drives_its_registers() {
-    let mut machine = Machine::boot("drives", IMAGE);
+    let mut machine = Machine::boot("drives", IMAGE, &[]);
 
     // All telemetry is on at boot.
     machine.report(|report| matches!(report, Report::Motors(_)).then_some(()));
@@ -129,7 +129,7 @@ fn the_image_acknowledges_streams_and_drives_its_registers() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_silent_host_stops_the_bridges() {
-    let mut machine = Machine::boot("silence", IMAGE);
+    let mut machine = Machine::boot("silence", IMAGE, &[]);
     machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
     machine.written("GPIOE", BSRR, 1 << 2);
     machine.forget();
@@ -140,7 +140,7 @@ fn a_silent_host_stops_the_bridges() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
-    let mut machine = Machine::boot("overflow", IMAGE);
+    let mut machine = Machine::boot("overflow", IMAGE, &[]);
     set_everything_going(&mut machine);
     machine.forget();
     // The stack grows down to the very start of SRAM: the next push has nowhere to go.
@@ -155,7 +155,7 @@ fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_panic_puts_the_outputs_into_their_safe_state() {
     let panic = gdb::function(&image(IMAGE), "panic_bounds_check");
-    let mut machine = Machine::boot("panic", IMAGE);
+    let mut machine = Machine::boot("panic", IMAGE, &[]);
     set_everything_going(&mut machine);
     machine.forget();
     machine.stopped(|gdb| {
