@@ -10,7 +10,7 @@ use firmware::settings::Settings;
 
 type Host = PioneerArm;
 
-/// What hosts of ARCOS robots open by default.
+/// What the hosts of ARCOS robots open by default. 115200 here would need the same of the host.
 const HOST_BAUD: u32 = 9600;
 
 fn host(now: Instant) -> Host {

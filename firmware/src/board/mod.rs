@@ -29,7 +29,8 @@
 //! 1. Copy `f446.rs`, and give it your pins, timers and streams. What the chip cannot do does not
 //!    compile; what the board has on its pins already, only its manual knows.
 //! 2. Leave out what there is no pin for: the lists of [`drives::Drives`] may be shorter, and
-//!    [`sensing::Sensing`] says how many rangers and inputs there are.
+//!    [`sensing::Sensing`] says how many rangers and inputs there are. The servo bus of the CM-5's
+//!    image is on USART6, whose vector bin/cm5.rs binds; it may share its pins with motors.
 //! 3. Name it: a feature beside `board-f446` in firmware/Cargo.toml, and a line above
 //!    `mod selected` here. A row in `.ci/images` has it built in CI, an alias in
 //!    .cargo/config.toml tells the probe its chip.

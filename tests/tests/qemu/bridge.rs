@@ -21,8 +21,8 @@ const IMAGE: &str = "cm5-qemu";
 /// An instruction takes 8 ns.
 const SLOWLY: [&str; 2] = ["-icount", "shift=3"];
 
-/// The search takes about a second of the machine's time, and a servo that it has missed is found some 5 s
-/// later.
+/// The search takes about a second of the machine's time, and a servo that it has missed is found
+/// some 5 s later.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Serves a bus of these servos for as long as the machine runs.
