@@ -65,7 +65,8 @@ fn the_bridge_finds_its_servos_and_reports_them() {
     serve(machine.bus(), &[1, 7]);
     let mut receiver = Receiver::new();
 
-    // The buffer's direction, PC8, is turned for every request and back again.
+    // The buffer's direction, PC8, is turned for every request and back again; low at boot, too.
+    machine.forget();
     machine.written("GPIOC", BSRR, 1 << 8);
     machine.written("GPIOC", BSRR, 1 << (8 + 16));
 
