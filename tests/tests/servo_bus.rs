@@ -184,7 +184,14 @@ fn what_a_servo_refuses_it_names_in_its_answer_and_does_not_do() {
     assert_eq!(master.ask_raw(&damaged)[0].errors, Errors::CHECKSUM);
     // Nobody feels meant.
     assert!(!master.ping(6));
-    assert!(!master.ping(Id::BROADCAST.number()));
+}
+
+#[test]
+fn a_broadcast_ping_tells_the_id_of_a_lonely_servo_and_makes_several_collide() {
+    let ping = encoded(Id::BROADCAST.number(), Instruction::Ping);
+    let answers = |servos: &[u8]| Master::at_the_limit(servos).ask_raw(&ping);
+    assert_eq!(answers(&[7]).iter().map(|answer| answer.id).collect::<Vec<_>>(), [7]);
+    assert!(answers(&[7, 9]).is_empty(), "no answer is left whole");
 }
 
 #[test]
@@ -202,7 +209,7 @@ fn the_status_return_level_says_what_is_answered() {
 }
 
 #[test]
-fn a_broadcast_is_done_by_all_and_answered_by_none() {
+fn a_broadcast_write_is_done_by_all_and_answered_by_none() {
     let mut master = Master::at_the_limit(&[1, 2]);
     for number in [1, 2] {
         let goal = Instruction::RegWrite { address: 30, data: &[0, u8::from(number == 1)] };

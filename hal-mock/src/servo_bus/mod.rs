@@ -17,8 +17,8 @@
 //! - After a write to EEPROM, and its answer, a servo is deaf and mute for some 6 ms a byte.
 //! - 100 ms without a byte end an instruction that is not complete.
 //!
-//! Nothing answers to a broadcast, PING included. An instruction whose checksum is wrong is answered
-//! with that error by the servo that it names. Servos hear only the master here: a real one hears
+//! Of all broadcasts only a PING is answered, by every servo at once. An instruction whose checksum
+//! is wrong is answered with that error by the servo that it names. Servos hear only the master here: a real one hears
 //! the others' answers too, and skips them.
 
 mod end;
@@ -336,8 +336,8 @@ impl Socket {
 
     /// Does what a packet says, and answers the servo's own packet.
     fn execute(&mut self, packet: &[u8], now_ns: u64) -> Option<Vec<u8>> {
-        let own = Id::new(self.servo.id());
-        let for_me = |id| Some(id) == own || id == Id::BROADCAST;
+        let own = Id::new(self.servo.id())?;
+        let for_me = |id| id == own || id == Id::BROADCAST;
         let (id, instruction) = match Packet::parse(packet) {
             Ok(packet) => (packet.id, Instruction::parse(packet).map_err(|_| Errors::INSTRUCTION)),
             Err(PacketError::Checksum(id)) => (id, Err(Errors::CHECKSUM)),
@@ -352,7 +352,8 @@ impl Socket {
             Ok(Instruction::Read { .. }) => 1,
             _ => 2,
         };
-        let answered = from_level <= self.servo.get(Register::STATUS_RETURN_LEVEL);
+        let answered = from_level <= self.servo.get(Register::STATUS_RETURN_LEVEL)
+            && (id == own || instruction == Ok(Instruction::Ping));
         let mut params = vec![];
         let done = instruction.and_then(|instruction| match instruction {
             Instruction::Ping => Ok(0),
@@ -375,8 +376,8 @@ impl Socket {
             Err(refusal) => (0, refusal),
         };
         self.busy_ns = now_ns + EEPROM_BYTE_NS * eeprom_bytes as u64;
-        let status = Status { id, errors: self.servo.errors() | refusal, params: &params };
+        let status = Status { id: own, errors: self.servo.errors() | refusal, params: &params };
         let answer = status.encode(&mut [0; MAX_PACKET]).expect("registers fit a packet").to_vec();
-        (answered && id != Id::BROADCAST).then_some(answer)
+        answered.then_some(answer)
     }
 }

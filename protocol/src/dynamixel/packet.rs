@@ -35,7 +35,7 @@ pub const MAX_STATUS: usize = OVERHEAD + REGISTER_BYTES;
 pub struct Id(u8);
 
 impl Id {
-    /// All servos; none of them answers.
+    /// All servos. They answer to nothing but PING, and then all at once.
     pub const BROADCAST: Self = Self(0xFE);
 
     /// 0xFF is no ID: it could not be told from the start of a packet.
