@@ -474,6 +474,7 @@ fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
         (&["--seconds", "-1"], "--seconds -1"),
         (&["--line-rate", "1200"], "9600"),
         (&["--seconds", "nan"], "--seconds"),
+        (&["--seconds", "1e300"], "seconds from 0 to 1e9"),
         (&["--inspect", "0.0.0.0:0"], "--inspect 0.0.0.0:0"),
         (&["--scene", "/no/such.toml"], "/no/such.toml"),
         (&["--settings", "/no/such/file"], "/no/such/file"),
@@ -488,6 +489,12 @@ fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
         .output()
         .unwrap();
     refused(&output, &address);
+    refused(&output, "port 0 takes a free one");
+    let output = Command::new(env!("CARGO_BIN_EXE_virtual-board"))
+        .args(["--tcp", "nowhere"])
+        .output()
+        .unwrap();
+    refused(&output, "as 127.0.0.1:5005");
 
     let scene = std::env::temp_dir().join(format!("scene-{}.toml", std::process::id()));
     std::fs::write(&scene, "[motor.0]\ngearbox = 3").unwrap();

@@ -9,6 +9,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 use serde_json::{Value, json};
 
+use crate::links::cannot_listen;
 use crate::machine::Machine;
 
 /// Clients at a time, the longest line of one, and what may wait for one that does not read.
@@ -31,11 +32,11 @@ struct Client {
 impl Inspector {
     /// Opens the window, or says in one line why not.
     pub fn open(address: &str) -> Result<Self, String> {
-        let addresses = address.to_socket_addrs().map_err(|e| format!("--inspect {address}: {e}"));
+        let complain = |e| cannot_listen("--inspect", address, &e);
+        let addresses = address.to_socket_addrs().map_err(complain);
         if !addresses?.all(|address| address.ip().is_loopback()) {
             return Err(format!("--inspect {address}: only a loopback address will do"));
         }
-        let complain = |e| format!("--inspect {address}: {e}");
         let listener = TcpListener::bind(address).map_err(complain)?;
         listener.set_nonblocking(true).map_err(complain)?;
         Ok(Self { listener, clients: Vec::new() })

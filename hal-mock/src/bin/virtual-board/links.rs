@@ -56,10 +56,9 @@ impl Links {
             socket.set_nonblocking(true)?;
             Ok(socket)
         };
-        let listener = listen().map_err(|e: std::io::Error| format!("--tcp {tcp}: {e}"))?;
-        let udp_socket = udp
-            .map(|udp| bind(udp).map_err(|e: std::io::Error| format!("--udp {udp}: {e}")))
-            .transpose()?;
+        let listener = listen().map_err(|e| cannot_listen("--tcp", tcp, &e))?;
+        let udp_socket =
+            udp.map(|udp| bind(udp).map_err(|e| cannot_listen("--udp", udp, &e))).transpose()?;
         Ok(Self {
             pty: Pty::open(pty_link)?,
             pty_flow: Flow::new(machine.follower()),
@@ -180,6 +179,16 @@ impl Links {
             let _ = udp.send_to(frame, peer);
         }
     }
+}
+
+/// Why an address will not do, and what would.
+pub fn cannot_listen(option: &str, address: &str, error: &std::io::Error) -> String {
+    let remedy = match error.kind() {
+        ErrorKind::AddrInUse => "; port 0 takes a free one",
+        ErrorKind::InvalidInput => "; expected an address and a port, as 127.0.0.1:5005",
+        _ => "",
+    };
+    format!("{option} {address}: {error}{remedy}")
 }
 
 /// One client's stream, kept in whole frames both ways.

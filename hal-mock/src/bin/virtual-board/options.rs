@@ -177,8 +177,9 @@ impl Options {
     /// When to stop.
     pub fn end(&self) -> Result<Option<Duration>, String> {
         let duration = |seconds| {
-            Duration::try_from_secs_f64(seconds)
-                .map_err(|_| format!("--seconds {seconds}: must be 0 or more"))
+            Duration::try_from_secs_f64(seconds).map_err(|_| {
+                format!("--seconds {seconds:e}: expected seconds from 0 to 1e9, as 2.5")
+            })
         };
         self.seconds.map(duration).transpose()
     }

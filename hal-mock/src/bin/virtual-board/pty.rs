@@ -5,6 +5,7 @@
 //! closed, so that a host does not begin with old news.
 
 use std::fs::{self, File};
+use std::io::ErrorKind;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
@@ -28,7 +29,13 @@ impl Pty {
             Self::make().map_err(|e| format!("cannot open a pseudo-terminal: {e}"))?;
         let mut pty = Self { master, device, link: None };
         if let Some(link) = link {
-            let complain = |e| format!("--pty {}: {e}", link.display());
+            let complain = |e: std::io::Error| {
+                let remedy = match e.kind() {
+                    ErrorKind::AlreadyExists => "; choose a name that is not in use",
+                    _ => "",
+                };
+                format!("--pty {}: {e}{remedy}", link.display())
+            };
             let left_behind =
                 fs::read_link(link).is_ok_and(|to| to == pty.device) || !link.exists();
             if link.is_symlink() && left_behind {
