@@ -276,3 +276,45 @@ fn a_gripper_that_is_closed_for_too_long_goes_home_alone() {
     host.run_alive_ms(1000);
     assert_eq!(host.ticks(6), 127);
 }
+
+#[test]
+fn the_host_may_stop_or_send_back_a_gripper_that_goes_home_and_its_time_begins_anew() {
+    let closing = |host: &mut Host| {
+        host.speed(6, 1);
+        host.send(ArmCommand::GripPark(3));
+        host.go(6, 27);
+        host.run_alive_ms(3300);
+        assert!(host.arm().homing && (30..50).contains(&host.ticks(6)), "{}", host.ticks(6));
+    };
+    for all_or_one in [255, 6] {
+        let mut host = Host::powered();
+        closing(&mut host);
+        host.send_int(command::STOP, all_or_one);
+        host.run_alive_ms(5);
+        let stopped = host.ticks(6);
+        host.run_alive_ms(2900);
+        assert_eq!((host.ticks(6), host.arm().moving), (stopped, [false; 6]));
+        host.run_alive_ms(200);
+        assert!(host.arm().homing, "closed for three seconds more");
+    }
+
+    let mut host = Host::powered();
+    closing(&mut host);
+    host.go(6, 27);
+    host.run_alive_ms(100);
+    assert_eq!(host.ticks(6), 27, "at SPEED 1 again");
+    host.run_alive_ms(2800);
+    assert_eq!(host.ticks(6), 27);
+    host.run_alive_ms(200);
+    assert!(host.arm().homing);
+    // One that is on its way open is held closed by nobody.
+    let mut host = Host::powered();
+    host.speed(6, 1);
+    host.send(ArmCommand::GripPark(3));
+    host.go(6, 27);
+    host.run_alive_ms(1500);
+    host.speed(6, 40);
+    host.go(6, 177);
+    host.run_alive_ms(8000);
+    assert_eq!(host.ticks(6), 177);
+}

@@ -227,7 +227,8 @@ impl Arm {
             seconds > 0 && now >= since.saturating_add(Duration::from_secs(seconds.into()))
         };
         let gripper = &mut self.joints[Number::GRIPPER.index()];
-        if self.power == Power::Off || !gripper.is_closed() {
+        if self.power == Power::Off || !gripper.is_held_closed() {
+            // So a position or a STOP on the way home gives it its time again.
             self.closed_since = None;
         } else if is_over(*self.closed_since.get_or_insert(now), self.grippark_s) {
             gripper.home(true, now);

@@ -79,10 +79,10 @@ impl Joint {
         self.is_moving() && self.goal == self.home_position()
     }
 
-    /// Whether it is on the side of home on which a gripper is closed: that of its minimum, as the
-    /// host has it that drives the gripper.
-    pub fn is_closed(&self) -> bool {
-        self.position < self.home_position()
+    /// Whether it stays on the side of home on which a gripper is closed: that of its minimum, as
+    /// the host has it that drives the gripper. On its way home or open it is held closed no more.
+    pub fn is_held_closed(&self) -> bool {
+        self.position.max(self.goal) < self.home_position()
     }
 
     /// Takes a speed, limited to 1 to 127 ms a step; the step under way keeps its time.
