@@ -108,6 +108,11 @@ pub struct ArmSettings {
     /// The joints: ranges in ticks, the speed at boot in ms a tick. A pulse is
     /// 1.5 ms + (ticks - centre) / ticks_per_90 ms.
     pub joints: [JointInfo; JOINTS],
+    /// How long the slowest of the servos takes for 60 degrees, in ms. Nothing tells where a servo
+    /// is, so this is what the arm waits by before it takes power away, should its joints have been
+    /// faster (at the lowest SPEEDs). Default 300: twice the 150 of an ordinary hobby servo without
+    /// load. Our assumption; a slower servo may be short of home when power goes off.
+    pub servo_ms_per_60_deg: u16,
     /// Idle seconds until the arm parks itself, 0 is never; default 600.
     pub autopark_s: u16,
     /// Seconds until a closed gripper goes home, 0 is never; default 300.
@@ -126,6 +131,7 @@ impl ArmSettings {
             max: 255,
             ticks_per_90: 140,
         }; JOINTS],
+        servo_ms_per_60_deg: 300,
         autopark_s: 600,
         grippark_s: 300,
     };
