@@ -100,7 +100,8 @@ pub struct LinkSettings {
 ///
 /// The original's joint values are in no document that is left. The defaults are ours: every joint
 /// has its home and its centre at 127, and with 140 ticks to 90 degrees the whole byte is 0.59 to
-/// 2.41 ms of pulse (81 degrees either way), which hobby servos bear. A tick is 7 us.
+/// 2.41 ms of pulse (82 degrees either way), within the 0.5 to 2.5 ms that hobby servos bear. A tick
+/// is 7 us. Another calibration is held only to what the board gives, 0.22 to 3.11 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ArmSettings {
     /// What ARMpac's status bytes mean; default the manual's, motion in bits 1 to 6.

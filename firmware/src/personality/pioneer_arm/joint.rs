@@ -294,7 +294,22 @@ mod tests {
     }
 
     #[test]
-    fn ticks_become_pulses_by_the_calibration_and_never_leave_what_a_servo_bears() {
+    fn by_the_default_calibration_no_pulse_is_wider_or_narrower_than_hobby_servos_bear() {
+        for calibration in ArmSettings::DEFAULT.joints {
+            let mut joint = Joint::new(calibration, 300);
+            let mut pulses_us = [calibration.min, calibration.max].map(|end| {
+                joint.go(end, at(0));
+                joint.position = joint.goal;
+                i32::from(joint.pulse()) * 1000 / i32::from(ServoPulse::PER_MS)
+            });
+            pulses_us.sort();
+            // As the settings and the README say: 0.59 to 2.41 ms, of the 0.5 to 2.5 that are borne.
+            assert_eq!(pulses_us, [592, 2414]);
+        }
+    }
+
+    #[test]
+    fn ticks_become_pulses_by_the_calibration_and_a_bad_one_stays_within_what_the_board_gives() {
         let mut joint = joint();
         let calibration = JointInfo { ticks_per_90: 100, centre: 120, ..joint.calibration };
         joint.calibration = calibration;
