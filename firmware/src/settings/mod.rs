@@ -100,7 +100,8 @@ pub struct LinkSettings {
 ///
 /// The original's joint values are in no document that is left. The defaults are ours: every joint
 /// has its home and its centre at 127, and with 140 ticks to 90 degrees the whole byte is 0.59 to
-/// 2.41 ms of pulse (81 degrees either way), which hobby servos bear. A tick is 7 us.
+/// 2.41 ms of pulse (82 degrees either way), within the 0.5 to 2.5 ms that hobby servos bear. A tick
+/// is 7 us. Another calibration is held only to what the board gives, 0.22 to 3.11 ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ArmSettings {
     /// What ARMpac's status bytes mean; default the manual's, motion in bits 1 to 6.
@@ -108,6 +109,11 @@ pub struct ArmSettings {
     /// The joints: ranges in ticks, the speed at boot in ms a tick. A pulse is
     /// 1.5 ms + (ticks - centre) / ticks_per_90 ms.
     pub joints: [JointInfo; JOINTS],
+    /// How long the slowest of the servos takes for 60 degrees, in ms. Nothing tells where a servo
+    /// is, so this is what the arm waits by before it takes power away, should its joints have been
+    /// faster (at the lowest SPEEDs). Default 300: twice the 150 of an ordinary hobby servo without
+    /// load. Our assumption; a slower servo may be short of home when power goes off.
+    pub servo_ms_per_60_deg: u16,
     /// Idle seconds until the arm parks itself, 0 is never; default 600.
     pub autopark_s: u16,
     /// Seconds until a closed gripper goes home, 0 is never; default 300.
@@ -126,6 +132,7 @@ impl ArmSettings {
             max: 255,
             ticks_per_90: 140,
         }; JOINTS],
+        servo_ms_per_60_deg: 300,
         autopark_s: 600,
         grippark_s: 300,
     };

@@ -173,9 +173,14 @@ impl Host {
         self.board.plant.borrow().outputs.servos.map(|pulse| pulse.map(|pulse| pulse.raw()))
     }
 
-    /// Where a simulated servo is, as the pulse that would hold it there.
+    /// Where the simulated servos are, as the pulses that would hold them there.
+    fn servos(&self) -> [f32; JOINTS] {
+        self.board.plant.borrow().servos.map(|servo| servo.position())
+    }
+
+    /// Where one of them is.
     fn servo(&self, joint: u8) -> f32 {
-        self.board.plant.borrow().servos[number(joint).index()].position()
+        self.servos()[number(joint).index()]
     }
 
     /// Cuts the arm's cable, or mends it; the board has seen it 30 ms later.
@@ -197,7 +202,8 @@ fn pulse(ticks: u8) -> u16 {
 const AT_HOME: [Option<u16>; JOINTS] = [Some(3375); JOINTS];
 const NO_PULSES: [Option<u16>; JOINTS] = [None; JOINTS];
 
-/// Watches the pulses, and does not allow a joint more than a tick from one look to the next.
+/// Watches the pulses, and does not allow a joint more than a tick from one look to the next, nor
+/// power to come or go while a servo is not at home.
 struct NoJump([Option<u16>; JOINTS]);
 
 impl NoJump {
@@ -210,6 +216,7 @@ impl NoJump {
 
     fn look(&mut self, host: &Host) {
         let now = host.pulses();
+        let servos = host.servos();
         for (joint, (before, now)) in self.0.iter().zip(now).enumerate() {
             if let (Some(before), Some(now)) = (*before, now) {
                 let step = i32::from(now) - i32::from(before);
@@ -217,6 +224,8 @@ impl NoJump {
             }
             if let (None, Some(now)) | (Some(now), None) = (*before, now) {
                 assert_eq!(now, pulse(127), "joint {}: power comes and goes at home", joint + 1);
+                let from_home = (servos[joint] - f32::from(now)).abs();
+                assert!(from_home < 1.0, "servo {}: {from_home} from home", joint + 1);
             }
         }
         self.0 = now;

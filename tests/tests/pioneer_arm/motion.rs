@@ -163,6 +163,93 @@ fn park_and_power_0_take_the_joints_home_before_power_goes_off() {
     }
 }
 
+/// From PARK to power-off, in ms. Whatever the servos were told, they are at home then, and stay
+/// there when power comes back.
+fn park_and_power_up(host: &mut Host, home: u8) -> u32 {
+    let all_at_home = |host: &Host| {
+        for (i, servo) in host.servos().into_iter().enumerate() {
+            let short = (servo - f32::from(pulse(home))) / 16.07;
+            assert!(short.abs() < 0.1, "servo {} is {short} ticks from home {home}", i + 1);
+        }
+    };
+    host.send(ArmCommand::Park);
+    let mut ms = 0;
+    while host.arm().powered {
+        if ms % 500 == 0 {
+            host.send_bare(command::PULSE);
+        }
+        host.run_ms(1);
+        ms += 1;
+        assert!(ms < 6000, "power never goes off");
+    }
+    all_at_home(host);
+    host.run_alive_ms(50);
+    host.send(ArmCommand::Power(true));
+    host.run_alive_with(100, all_at_home);
+    assert_eq!(host.pulses(), [Some(pulse(home)); JOINTS]);
+    ms
+}
+
+/// An arm with power, all its homes at `home`.
+fn powered_with_home(home: u8) -> Host {
+    let mut make = Make::default();
+    make.settings.arm.joints.iter_mut().for_each(|joint| joint.home = home);
+    let mut host = Host::with(make);
+    host.open();
+    host.send(ArmCommand::Power(true));
+    // Simulated servos stand at 127 before their first pulse.
+    host.run_alive_ms(1000);
+    host
+}
+
+#[test]
+fn servos_that_are_slower_than_their_joints_are_at_home_when_power_goes_off() {
+    for (home, ms_per_tick) in
+        [127, 0, 255].into_iter().flat_map(|home| [1, 2, 20].map(|ms| (home, ms)))
+    {
+        for end in [0, 255] {
+            let mut host = powered_with_home(home);
+            for joint in 1..=6 {
+                host.speed(joint, ms_per_tick);
+                host.go(joint, end);
+            }
+            host.run_alive_ms(6000);
+            let took = park_and_power_up(&mut host, home);
+            // No sooner than the steps, no later than servos of half the simulated ones' rate:
+            // 140 ticks in 450 ms. The pulses settle in 60 ms, PARK is on the line for 1.
+            let ticks = u32::from(home.abs_diff(end));
+            let (steps, slew) = (ticks * u32::from(ms_per_tick), ticks * 450 / 140);
+            let what = format!("{took} ms from {end} to {home} at SPEED {ms_per_tick}");
+            let most = if ticks == 0 { 5 } else { steps.max(slew) + 70 };
+            assert!((steps..=most).contains(&took), "{what}");
+            // Twice the simulated servo's time is the assumption, and it is used.
+            assert!(took + 2 >= slew, "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_park_in_mid_move_and_after_a_long_chase_ends_with_the_servos_at_home() {
+    for (chases, parks_after) in
+        [0, 1, 20].into_iter().flat_map(|n| [5, 64, 125, 135, 255].map(|ms| (n, ms)))
+    {
+        let mut host = powered_with_home(127);
+        (1..=6).for_each(|joint| host.speed(joint, 1));
+        (1..=6).for_each(|joint| host.go(joint, 255));
+        host.run_alive_ms(1000);
+        // Each time the joints arrive the servos are far behind.
+        for end in [0, 255].repeat(chases) {
+            (1..=6).for_each(|joint| host.go(joint, end));
+            host.run_alive_ms(256);
+        }
+        (1..=6).for_each(|joint| host.go(joint, 0));
+        host.run_alive_ms(parks_after);
+        // However long they were chased, they are never further than from end to end.
+        let took = park_and_power_up(&mut host, 127);
+        assert!(took <= 128 + 255 * 450 / 140 + 70, "{took} ms");
+    }
+}
+
 #[test]
 fn until_power_is_off_the_latest_command_counts() {
     let calls_off: [&dyn Fn(&mut Host); 3] = [
@@ -275,4 +362,46 @@ fn a_gripper_that_is_closed_for_too_long_goes_home_alone() {
     assert_eq!(host.ticks(6), 117);
     host.run_alive_ms(1000);
     assert_eq!(host.ticks(6), 127);
+}
+
+#[test]
+fn the_host_may_stop_or_send_back_a_gripper_that_goes_home_and_its_time_begins_anew() {
+    let closing = |host: &mut Host| {
+        host.speed(6, 1);
+        host.send(ArmCommand::GripPark(3));
+        host.go(6, 27);
+        host.run_alive_ms(3300);
+        assert!(host.arm().homing && (30..50).contains(&host.ticks(6)), "{}", host.ticks(6));
+    };
+    for all_or_one in [255, 6] {
+        let mut host = Host::powered();
+        closing(&mut host);
+        host.send_int(command::STOP, all_or_one);
+        host.run_alive_ms(5);
+        let stopped = host.ticks(6);
+        host.run_alive_ms(2900);
+        assert_eq!((host.ticks(6), host.arm().moving), (stopped, [false; 6]));
+        host.run_alive_ms(200);
+        assert!(host.arm().homing, "closed for three seconds more");
+    }
+
+    let mut host = Host::powered();
+    closing(&mut host);
+    host.go(6, 27);
+    host.run_alive_ms(100);
+    assert_eq!(host.ticks(6), 27, "at SPEED 1 again");
+    host.run_alive_ms(2800);
+    assert_eq!(host.ticks(6), 27);
+    host.run_alive_ms(200);
+    assert!(host.arm().homing);
+    // One that is on its way open is held closed by nobody.
+    let mut host = Host::powered();
+    host.speed(6, 1);
+    host.send(ArmCommand::GripPark(3));
+    host.go(6, 27);
+    host.run_alive_ms(1500);
+    host.speed(6, 40);
+    host.go(6, 177);
+    host.run_alive_ms(8000);
+    assert_eq!(host.ticks(6), 177);
 }

@@ -118,6 +118,8 @@ enum Event {
     Connected(bool),
     Silence(u64),
     Alive(u64),
+    /// All joints to here, each faster than its servo; after so many ms home, and power off.
+    RushAndPark(u8, u64),
     Open,
 }
 
@@ -149,6 +151,7 @@ fn event() -> impl Strategy<Value = Event> {
         1 => any::<bool>().prop_map(Event::Connected),
         1 => (1u64..3000).prop_map(Event::Silence),
         6 => (1u64..1500).prop_map(Event::Alive),
+        2 => (any::<u8>(), 1u64..1000).prop_map(|(ticks, ms)| Event::RushAndPark(ticks, ms)),
         1 => Just(Event::Open),
     ]
 }
@@ -179,6 +182,14 @@ proptest! {
                     look(&host);
                 }),
                 Event::Alive(ms) => host.run_alive_with(ms, &mut look),
+                Event::RushAndPark(ticks, ms) => {
+                    for joint in 1..=6 {
+                        host.speed(joint, 1);
+                        host.go(joint, ticks);
+                    }
+                    host.run_alive_with(ms, &mut look);
+                    host.send(ArmCommand::Park);
+                }
                 Event::Open => {
                     SYNC.iter().for_each(|sync| host.send_bare(sync.id));
                     host.send_int(command::OPEN, 1);

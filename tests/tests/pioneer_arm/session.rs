@@ -391,3 +391,55 @@ fn close_parks_the_arm_and_a_new_session_has_the_default_times() {
     host.run_alive_ms(5000);
     assert!(host.arm().powered, "not the one second of the session before");
 }
+
+#[test]
+fn a_host_that_restarts_in_its_live_session_has_no_answer_until_it_closes_that() {
+    let mut host = Host::powered();
+    host.go(1, 227);
+    host.run_ms(1900);
+    host.received();
+    // Its SYNC0s are PULSEs: for all of 10 s the session lives and the arm goes on.
+    for _ in 0..20 {
+        host.send_bare(0);
+        host.run_ms(500);
+        assert_eq!(host.ids(), [Standard::ID; 5]);
+    }
+    assert_eq!((host.link().watchdogs, host.link().out_of_turn), (0, 0));
+    assert_eq!((host.ticks(1), host.arm().powered), (227, true));
+    host.send_bare(command::CLOSE);
+    host.run_ms(10);
+    host.received();
+    assert!(host.arm().homing);
+    host.open();
+    assert_eq!(host.link().opened, 2);
+    // The arm is still on its way home, as after any CLOSE, and the new host may take it over.
+    assert!(host.arm().homing && host.arm().powered);
+}
+
+#[test]
+fn a_host_that_goes_through_all_its_syncs_in_a_live_session_ends_it_with_sync2() {
+    let mut host = Host::powered();
+    host.go(1, 227);
+    host.run_ms(500);
+    host.received();
+    for sync in SYNC {
+        host.send_bare(sync.id);
+        host.run_ms(10);
+    }
+    assert!(host.ids().iter().all(|&id| id == Standard::ID), "none is answered");
+    assert_eq!((host.link().watchdogs, host.arm().homing), (0, true));
+    host.open();
+}
+
+#[test]
+fn a_host_that_restarts_and_waits_for_two_seconds_is_answered() {
+    let mut host = Host::powered();
+    host.run_ms(1000);
+    host.send_bare(0);
+    host.run_ms(1990);
+    host.received();
+    assert_eq!((host.link().watchdogs, host.arm().powered), (0, true));
+    host.run_ms(20);
+    host.open();
+    assert_eq!((host.link().watchdogs, host.link().opened), (1, 2));
+}

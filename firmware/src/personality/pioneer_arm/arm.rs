@@ -2,7 +2,8 @@
 //!
 //! Rules (facts, "Commands", and the manual's page where it speaks):
 //! - power goes off only when all joints are home, whoever asks for it: POWER 0, PARK, INIT, the
-//!   end of a session, or the arm's own link. So no joint falls, and at power-up none has far to go;
+//!   end of a session, or the arm's own link. Home are then the servos too, by the time that the
+//!   settings give them. So no joint falls, and power-up moves none unless a hand has meanwhile;
 //! - until it is off the latest command counts: a position, STOP or POWER 1 calls a park off;
 //! - where nobody may be watching (the end of a session, AUTOPARK, the gripper's turn, a lost arm)
 //!   a joint goes home no faster than its calibrated speed;
@@ -77,7 +78,7 @@ impl Arm {
     /// The arm at boot: without power. Nobody can know where its joints stand; they count as home.
     pub fn new(settings: ArmSettings, now: Instant) -> Self {
         Self {
-            joints: settings.joints.map(Joint::new),
+            joints: settings.joints.map(|joint| Joint::new(joint, settings.servo_ms_per_60_deg)),
             power: Power::Off,
             // The first look tells.
             connected: true,
@@ -227,7 +228,8 @@ impl Arm {
             seconds > 0 && now >= since.saturating_add(Duration::from_secs(seconds.into()))
         };
         let gripper = &mut self.joints[Number::GRIPPER.index()];
-        if self.power == Power::Off || !gripper.is_closed() {
+        if self.power == Power::Off || !gripper.is_held_closed() {
+            // So a position or a STOP on the way home gives it its time again.
             self.closed_since = None;
         } else if is_over(*self.closed_since.get_or_insert(now), self.grippark_s) {
             gripper.home(true, now);

@@ -2,7 +2,8 @@
 //!
 //! A *tick* is the wire's unit of position; a *step* is one tick. A joint on its way takes one step
 //! every so many milliseconds (SPEED) and never two at once, however late it is called: it does not
-//! jump. There is no feedback: its position is where its servo was last sent.
+//! jump. There is no feedback: its position is where its servo was last sent. The servo itself may be
+//! slower and lag behind; when it must have caught up is reckoned from what it was sent through.
 //!
 //! All joints take their steps on one grid of control periods, so that the board gets at most one
 //! command a period, and no period brings a joint two ticks.
@@ -20,7 +21,7 @@ const QUARTER_TURN: i32 = ServoPulse::PER_MS as i32;
 /// The distance of the points at which steps are taken.
 const GRID: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
 
-/// A servo gets a pulse every 20 ms; after three of them it is where the last step was.
+/// A servo gets a pulse every 20 ms; three of them are enough to begin and to end a way.
 const SETTLING: Duration = Duration::from_millis(60);
 
 /// The speeds that exist, in milliseconds a step.
@@ -36,22 +37,29 @@ pub(super) struct Joint {
     goal: u8,
     /// On this way it is no faster than its calibrated speed, whatever SPEED says.
     unhurried: bool,
-    /// When it took its last step, or set out, and when it takes the next one: points of the grid.
-    since: Instant,
+    /// When it takes its next step: a point of the grid.
     step_at: Instant,
+    /// What its servo needs for a tick, and when the servo will have gone all the way that it was
+    /// sent, every tick of it, also to and fro.
+    servo_time: Duration,
+    servo_arrives: Instant,
 }
 
 impl Joint {
-    /// A joint at home.
-    pub fn new(calibration: JointInfo) -> Self {
+    /// A joint at home, on a servo that takes so long for 60 degrees.
+    pub fn new(calibration: JointInfo, servo_ms_per_60_deg: u16) -> Self {
+        let us_per_90_deg = u64::from(servo_ms_per_60_deg) * 1500;
         let mut joint = Self {
             calibration,
             ms_per_tick: 0,
             position: 0,
             goal: 0,
             unhurried: false,
-            since: Instant::MIN,
             step_at: Instant::MIN,
+            servo_time: Duration::from_micros(
+                us_per_90_deg / u64::from(calibration.ticks_per_90.max(1)),
+            ),
+            servo_arrives: Instant::MIN,
         };
         joint.set_speed(calibration.ms_per_tick);
         joint.goal = joint.home_position();
@@ -79,10 +87,10 @@ impl Joint {
         self.is_moving() && self.goal == self.home_position()
     }
 
-    /// Whether it is on the side of home on which a gripper is closed: that of its minimum, as the
-    /// host has it that drives the gripper.
-    pub fn is_closed(&self) -> bool {
-        self.position < self.home_position()
+    /// Whether it stays on the side of home on which a gripper is closed: that of its minimum, as
+    /// the host has it that drives the gripper. On its way home or open it is held closed no more.
+    pub fn is_held_closed(&self) -> bool {
+        self.position.max(self.goal) < self.home_position()
     }
 
     /// Takes a speed, limited to 1 to 127 ms a step; the step under way keeps its time.
@@ -122,13 +130,18 @@ impl Joint {
         let up = self.position < self.goal;
         self.position =
             if up { self.position.saturating_add(1) } else { self.position.saturating_sub(1) };
+        // Each tick costs the servo its time, but from one end to the other is as far as it can be.
+        let reach = self.calibration.max.saturating_sub(self.calibration.min);
+        let farthest = now.saturating_add(self.servo_time * reach.into());
+        let arrives = self.servo_arrives.max(now).saturating_add(self.servo_time);
+        self.servo_arrives = arrives.min(farthest);
         let is_late = due.saturating_add(self.step_time()) <= now;
         self.start_step(if is_late { last_grid_point(now) } else { due });
     }
 
     /// When its servo will be, or was, where it is; `None` while it is on its way.
     pub fn rests_at(&self) -> Option<Instant> {
-        (!self.is_moving()).then(|| self.since.saturating_add(SETTLING))
+        (!self.is_moving()).then(|| self.servo_arrives.saturating_add(SETTLING))
     }
 
     /// The pulse that holds it where it is, in 1/2250 ms.
@@ -150,7 +163,6 @@ impl Joint {
     }
 
     fn start_step(&mut self, since: Instant) {
-        self.since = since;
         self.step_at = since.saturating_add(self.step_time());
     }
 
@@ -187,7 +199,7 @@ mod tests {
     use crate::settings::ArmSettings;
 
     fn joint() -> Joint {
-        Joint::new(ArmSettings::DEFAULT.joints[0])
+        Joint::new(ArmSettings::DEFAULT.joints[0], 300)
     }
 
     /// A point of the grid.
@@ -208,7 +220,26 @@ mod tests {
         assert_eq!(run(&mut joint, 1, 999).last(), Some(&176));
         joint.step(at(1000));
         assert_eq!((joint.position(), joint.is_moving()), (177, false));
-        assert_eq!(joint.rests_at(), Some(at(1060)));
+        // A tick takes the servo 450 ms / 140.
+        assert_eq!(joint.rests_at(), Some(at(1060) + Duration::from_micros(3214)));
+    }
+
+    #[test]
+    fn a_joint_that_is_faster_than_its_servo_rests_when_that_has_gone_all_the_way() {
+        let tick = Duration::from_micros(3214);
+        let mut joint = joint();
+        joint.set_speed(1);
+        joint.go(227, at(0));
+        run(&mut joint, 1, 100);
+        // The servo has had 1 ms less than the joint.
+        assert_eq!(joint.rests_at(), Some(at(1) + tick * 100 + SETTLING));
+        // To and fro it is never further behind than from end to end.
+        for k in 1..100 {
+            joint.go(if k % 2 == 0 { 227 } else { 27 }, at(200 * k));
+            (0..=200).for_each(|ms| joint.step(at(200 * k + ms)));
+        }
+        let farthest = at(20_000) + tick * 255 + SETTLING;
+        assert_eq!(joint.rests_at(), Some(farthest));
     }
 
     #[test]
@@ -239,7 +270,7 @@ mod tests {
 
     #[test]
     fn speeds_and_positions_are_limited() {
-        let mut joint = Joint::new(JointInfo { min: 100, max: 150, ..joint().info() });
+        let mut joint = Joint::new(JointInfo { min: 100, max: 150, ..joint().info() }, 300);
         assert_eq!((joint.go(99, at(0)), joint.goal), (Limited(true), 100));
         assert_eq!((joint.go(151, at(0)), joint.goal), (Limited(true), 150));
         assert_eq!((joint.go(150, at(0)), joint.goal), (Limited(false), 150));
@@ -263,7 +294,22 @@ mod tests {
     }
 
     #[test]
-    fn ticks_become_pulses_by_the_calibration_and_never_leave_what_a_servo_bears() {
+    fn by_the_default_calibration_no_pulse_is_wider_or_narrower_than_hobby_servos_bear() {
+        for calibration in ArmSettings::DEFAULT.joints {
+            let mut joint = Joint::new(calibration, 300);
+            let mut pulses_us = [calibration.min, calibration.max].map(|end| {
+                joint.go(end, at(0));
+                joint.position = joint.goal;
+                i32::from(joint.pulse()) * 1000 / i32::from(ServoPulse::PER_MS)
+            });
+            pulses_us.sort();
+            // As the settings and the README say: 0.59 to 2.41 ms, of the 0.5 to 2.5 that are borne.
+            assert_eq!(pulses_us, [592, 2414]);
+        }
+    }
+
+    #[test]
+    fn ticks_become_pulses_by_the_calibration_and_a_bad_one_stays_within_what_the_board_gives() {
         let mut joint = joint();
         let calibration = JointInfo { ticks_per_90: 100, centre: 120, ..joint.calibration };
         joint.calibration = calibration;
