@@ -306,6 +306,19 @@ fn an_idle_arm_parks_itself_after_ten_minutes_and_every_arm_command_starts_them_
 }
 
 #[test]
+fn an_arm_on_its_way_is_not_idle() {
+    let mut host = Host::powered();
+    host.speed(1, 100);
+    host.send(ArmCommand::AutoPark(2));
+    host.go(1, 177);
+    // 5 s on the way, 2 s at rest.
+    host.run_alive_ms(6900);
+    assert_eq!((host.ticks(1), host.arm().homing), (177, false));
+    host.run_alive_ms(200);
+    assert!(host.arm().homing);
+}
+
+#[test]
 fn autopark_is_in_seconds_and_0_is_never() {
     let mut host = Host::powered();
     host.send(ArmCommand::AutoPark(3));

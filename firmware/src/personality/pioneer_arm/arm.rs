@@ -65,7 +65,7 @@ pub(super) struct Arm {
     looks_at: Instant,
     autopark_s: u16,
     grippark_s: u16,
-    /// The last command, or power-up.
+    /// The last command or step, or power-up.
     idle_since: Instant,
     closed_since: Option<Instant>,
     /// The pulses that the board was last told to give.
@@ -233,6 +233,9 @@ impl Arm {
             self.closed_since = None;
         } else if is_over(*self.closed_since.get_or_insert(now), self.grippark_s) {
             gripper.home(true, now);
+        }
+        if self.joints.iter().any(Joint::is_moving) {
+            self.idle_since = now;
         }
         if self.power == Power::On && is_over(self.idle_since, self.autopark_s) {
             self.park(true, now);
