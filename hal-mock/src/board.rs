@@ -124,6 +124,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
                     let boot = Boot { reset, settings: origin, stack_used: || 0 };
                     let mut session = session(settings, boot, Instant::now());
                     let mut controller = Controller::new(settings.control);
+                    boot.faults().for_each(|fault| controller.record(fault));
                     let mut system = System(&restart);
                     let tasks = join(
                         tasks::all(

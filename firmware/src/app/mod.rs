@@ -148,6 +148,14 @@ pub async fn control<M: RawMutex, C: Copy>(
     loop {
         due += CONTROL_PERIOD;
         Timer::at(due).await;
+        let late = Instant::now().saturating_duration_since(due);
+        if late >= CONTROL_PERIOD {
+            // What was missed is not made up for: no shaft has moved for it.
+            controller.period_missed(u16::try_from(late.as_micros()).unwrap_or(u16::MAX));
+            while due + CONTROL_PERIOD <= Instant::now() {
+                due += CONTROL_PERIOD;
+            }
+        }
         let motion = port.sample();
         // No more than were waiting: a fast link must not stretch the period.
         let most = if channels.hold.get() { 0 } else { COMMANDS };

@@ -230,6 +230,7 @@ fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides
     for (key, value) in changes {
         match key.as_str() {
             "pot" => new.potentiometers = numbers(key, value, AD)?,
+            "encoder" => new.encoders = numbers(key, value, u16::MAX.into())?,
             "motor_current" => new.currents = numbers(key, value, AD)?,
             "custom_ad" => new.custom_ad = numbers(key, value, AD)?,
             "human" => new.human = numbers(key, value, AD)?,
