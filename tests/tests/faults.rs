@@ -362,25 +362,89 @@ fn soft_limits_hold_a_shaft_and_let_it_come_back() {
     assert_eq!(latched(&bench), []);
 }
 
-/// The board's faults that a reading makes: which, the reading set to so many counts, a reading
-/// that it just bears, and the settings under which that is so.
-fn readings() -> Vec<(Fault, fn(&mut Overrides, u16), u16, u16, Settings)> {
-    let default = Settings::DEFAULT;
-    let mut with_high = default;
-    with_high.control.board_faults.motor_battery_high = 2560; // 15 V
-    vec![
-        (Fault::MotorBatteryLow, |all, ad| all.battery[1] = Some(ad), 852, 853, default),
-        (Fault::MotorBatteryLow, |all, ad| all.battery[1] = Some(ad), 171, 170, default),
-        (Fault::MotorBatteryHigh, |all, ad| all.battery[1] = Some(ad), 2560, 2559, with_high),
-        (Fault::ServoBatteryLow, |all, ad| all.battery[2] = Some(ad), 1819, 1820, default),
-        (Fault::ServoBatteryLow, |all, ad| all.battery[2] = Some(ad), 455, 454, default),
-        (Fault::MainBatteryLow, |all, ad| all.battery[0] = Some(ad), 2001, 2002, default),
-        (Fault::MainBatteryLow, |all, ad| all.battery[0] = Some(ad), 455, 454, default),
-        (Fault::DriverTooHot, |all, ad| all.overheat[0] = Some(ad), 1095, 1096, default),
-        (Fault::DriverTooHot, |all, ad| all.overheat[1] = Some(ad), 400, 399, default),
-        (Fault::AmbientTooHot, |all, ad| all.temperature = Some(ad), 3692, 3691, default),
-        (Fault::AmbientTooHot, |all, ad| all.temperature = Some(ad), 4039, 4040, default),
-    ]
+/// A fault of the board that a reading makes: the reading that is wrong, and the next to it that is
+/// not.
+struct Reading {
+    fault: Fault,
+    set: fn(&mut Overrides, u16),
+    wrong: u16,
+    right: u16,
+}
+
+const READINGS: [Reading; 11] = [
+    Reading {
+        fault: Fault::MotorBatteryLow,
+        set: |all, ad| all.battery[1] = Some(ad),
+        wrong: 852,
+        right: 853,
+    },
+    Reading {
+        fault: Fault::MotorBatteryLow,
+        set: |all, ad| all.battery[1] = Some(ad),
+        wrong: 171,
+        right: 170,
+    },
+    Reading {
+        fault: Fault::MotorBatteryHigh,
+        set: |all, ad| all.battery[1] = Some(ad),
+        wrong: 2560,
+        right: 2559,
+    },
+    Reading {
+        fault: Fault::ServoBatteryLow,
+        set: |all, ad| all.battery[2] = Some(ad),
+        wrong: 1819,
+        right: 1820,
+    },
+    Reading {
+        fault: Fault::ServoBatteryLow,
+        set: |all, ad| all.battery[2] = Some(ad),
+        wrong: 455,
+        right: 454,
+    },
+    Reading {
+        fault: Fault::MainBatteryLow,
+        set: |all, ad| all.battery[0] = Some(ad),
+        wrong: 2001,
+        right: 2002,
+    },
+    Reading {
+        fault: Fault::MainBatteryLow,
+        set: |all, ad| all.battery[0] = Some(ad),
+        wrong: 455,
+        right: 454,
+    },
+    Reading {
+        fault: Fault::DriverTooHot,
+        set: |all, ad| all.overheat[0] = Some(ad),
+        wrong: 1095,
+        right: 1096,
+    },
+    Reading {
+        fault: Fault::DriverTooHot,
+        set: |all, ad| all.overheat[1] = Some(ad),
+        wrong: 400,
+        right: 399,
+    },
+    Reading {
+        fault: Fault::AmbientTooHot,
+        set: |all, ad| all.temperature = Some(ad),
+        wrong: 3692,
+        right: 3691,
+    },
+    Reading {
+        fault: Fault::AmbientTooHot,
+        set: |all, ad| all.temperature = Some(ad),
+        wrong: 4039,
+        right: 4040,
+    },
+];
+
+/// The defaults, and 15 V as too much for the motors.
+fn with_a_highest_voltage() -> Settings {
+    let mut settings = Settings::DEFAULT;
+    settings.control.board_faults.motor_battery_high = 2560;
+    settings
 }
 
 /// A bench on which motors and a servo are driven.
@@ -395,10 +459,11 @@ fn driving(settings: Settings) -> Bench {
 
 #[test]
 fn batteries_and_temperatures_out_of_bounds_for_a_second_stop_everything() {
-    for (fault, read, wrong, _, settings) in readings() {
+    let settings = with_a_highest_voltage();
+    for Reading { fault, set, wrong, .. } in READINGS {
         for clear in [by_clearing as fn(&mut Bench), by_resuming_all] {
             let mut bench = driving(settings);
-            change(&bench, |all| read(all, wrong));
+            change(&bench, |all| set(all, wrong));
             // A reading takes 20 ms here, and it is looked at every 8 ms.
             let off = until_off(&mut bench, 0, 2000);
             assert!((995..=1040).contains(&off), "{fault:?} at {wrong}: {off}");
@@ -426,17 +491,18 @@ fn readings_that_are_just_right_or_not_wired_or_wrong_for_a_moment_stop_nothing(
     let goes_on = |bench: &mut Bench, what: &str| {
         assert_eq!((bench.bridge(0), latched(bench)), ((8000, true), vec![]), "{what}");
     };
-    for (fault, read, wrong, right, settings) in readings() {
+    let settings = with_a_highest_voltage();
+    for Reading { fault, set, wrong, right } in READINGS {
         let mut bench = driving(settings);
         for ad in [right, 0, 2047] {
-            change(&bench, |all| read(all, ad));
+            change(&bench, |all| set(all, ad));
             bench.run_alive_ms(5000);
             goes_on(&mut bench, &format!("{fault:?} at {ad}"));
         }
         for _ in 0..3 {
-            change(&bench, |all| read(all, wrong));
+            change(&bench, |all| set(all, wrong));
             bench.run_alive_ms(900);
-            change(&bench, |all| read(all, right));
+            change(&bench, |all| set(all, right));
             bench.run_alive_ms(100);
         }
         goes_on(&mut bench, &format!("{fault:?} for a moment"));
