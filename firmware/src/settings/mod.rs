@@ -64,6 +64,7 @@ pub struct CollisionSettings {
 /// The least and the greatest position that a channel may be driven to, in counts of its sensor.
 /// Two equal ones set none, the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SoftLimits {
     /// 0 or more.
     pub low: i16,
@@ -84,6 +85,7 @@ impl SoftLimits {
 /// When a DC channel's faults trip: [`safety::faults`](crate::safety::faults). Times are control
 /// periods (ms).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ChannelFaultSettings {
     /// A motor current of this many A/D counts or more is limited; 0 never is. Default 3640, which
     /// is 5 A of the 5.6 A that can be measured.
@@ -116,6 +118,7 @@ pub struct ChannelFaultSettings {
 
 /// When the board's faults trip, in A/D counts; a threshold of 0 never does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BoardFaultSettings {
     /// The motors' battery is low below this; default 853, which is 5 V.
     pub motor_battery_low: u16,
