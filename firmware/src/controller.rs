@@ -5,11 +5,12 @@
 //! ```
 //!
 //! It has no clock, no I/O and no protocol of its own: what a period is worth is
-//! [`CONTROL_PERIOD_MS`](crate::units::CONTROL_PERIOD_MS), commands are [`Command`]s, and the
+//! [`CONTROL_PERIOD_MS`], commands are [`Command`]s, and the
 //! [`Snapshot`] is all that a personality may tell its host.
 //!
 //! Promises: at boot the outputs are safe; a command is carried out whole or, if any part of it
-//! is refused, not at all; the same commands and inputs give the same bits on every machine.
+//! is refused, not at all, and a channel that a fault keeps off takes no part; the same commands
+//! and inputs give the same bits on every machine.
 
 use core::array;
 
@@ -31,7 +32,7 @@ use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
 use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
 
-/// An encoder that turns does so faster than this: half a count in ten periods is none.
+/// An encoder that turns does so faster than this.
 const TURNS: CountsPerSecond = CountsPerSecond::const_from_int(256);
 
 /// What an encoder says.

@@ -46,8 +46,8 @@ use crate::units::CONTROL_PERIOD_MS;
 pub use bridge::{bridge, bridge_presence};
 use presence::CHECK_IN_PERIOD;
 pub use presence::{ERASE_PERIOD, Presence, WATCHDOG_PERIOD};
+pub use roll::Roll;
 use roll::Task;
-pub use roll::{LONGEST_SILENCE, Roll};
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
 /// 115200 baud, so a period brings two at most; a full queue makes the link wait, nothing is

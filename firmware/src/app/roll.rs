@@ -1,7 +1,7 @@
 //! Roll call: the controller's tasks watch each other, and one that hangs takes the board down.
 //!
 //! Control calls the roll every period, on its own executor above the others, and drives nothing
-//! any more when one of them has been silent for [`LONGEST_SILENCE`]. Supervision, in the thread,
+//! any more when one of them has been silent for `LONGEST_SILENCE`. Supervision, in the thread,
 //! sees whether control still calls; if not, it makes the board safe in its place. Whoever has hung
 //! once is not trusted again: the watchdog is fed no more.
 //!
@@ -34,14 +34,14 @@ const TASKS: usize = 5;
 
 /// Control periods that a task may be silent: a check-in period (50 ms) and the longest turn of
 /// work, a ranger's of 40 ms.
-pub const LONGEST_SILENCE: u8 = 90;
+const LONGEST_SILENCE: u8 = 90;
 /// What stands in place of a silence before a task has answered for the first time: some need
 /// longer to begin. One that never does lets the watchdog starve.
 const NOT_BEGUN: u8 = u8::MAX;
 /// Supervision looks so often, and finds control dead after twice as long at the most.
 const LOOK_PERIOD: Duration = Duration::from_millis(40);
 
-/// Who has answered. See the [module](self).
+/// Who has answered when control called the roll.
 pub struct Roll<M: RawMutex>(Mutex<M, Cell<State>>);
 
 #[derive(Clone, Copy)]

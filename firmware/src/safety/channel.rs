@@ -1,7 +1,7 @@
 //! The monitor of one DC channel: current, motion, sensor, set-point; and its soft limits.
 //!
 //! Vocabulary: a channel is *driven* at half of full drive or more. Its shaft *stands still* as
-//! long as it stays within [`STILL`] counts of where it was found. A still shaft that draws the
+//! long as it stays within 8 counts of where it was found. A still shaft that draws the
 //! current of one that is held fast is *stalled*; one that does not may be running away behind a
 //! sensor that is not there, and that is sooner over. Times are control periods.
 //!
