@@ -1,5 +1,6 @@
 //! The controller's vocabulary: what a personality may ask of it, and why it may refuse.
 
+use protocol::pms5005::extension::Fault;
 use protocol::pms5005::{
     CHANNELS, Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor,
 };
@@ -44,6 +45,13 @@ pub enum Command {
     },
     /// Set the output port.
     Gpio(u8),
+    /// Clear latched faults: all of them, or one DC channel's own.
+    ClearFaults(Scope),
+    /// Show the record of the latched fault at this place in the
+    /// [`Snapshot`](crate::controller::Snapshot), from now on.
+    ShowFault(u8),
+    /// Keep on record what only somebody else can see.
+    Record(Fault),
 }
 
 /// New parameters; `None` leaves one as it is. Of two values for the same the later counts.

@@ -5,14 +5,16 @@
 //! ```
 //!
 //! It has no clock, no I/O and no protocol of its own: what a period is worth is
-//! [`CONTROL_PERIOD_MS`](crate::units::CONTROL_PERIOD_MS), commands are [`Command`]s, and the
+//! [`CONTROL_PERIOD_MS`], commands are [`Command`]s, and the
 //! [`Snapshot`] is all that a personality may tell its host.
 //!
 //! Promises: at boot the outputs are safe; a command is carried out whole or, if any part of it
-//! is refused, not at all; the same commands and inputs give the same bits on every machine.
+//! is refused, not at all, and a channel that a fault keeps off takes no part; the same commands
+//! and inputs give the same bits on every machine.
 
 use core::array;
 
+use protocol::pms5005::extension::{Fault, FaultRecord};
 use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
 use crate::command::{Command, Configuration, ENCODERS, Refused};
@@ -22,10 +24,16 @@ use crate::control::potentiometer;
 use crate::control::servo::Servo;
 use crate::control::velocity::VelocityEstimator;
 use crate::fmt::warning;
-use crate::ports::{MotionInputs, Outputs, Sensors};
+use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
+use crate::safety::board::BoardMonitor;
+use crate::safety::channel::{self, ChannelMonitor, Observed};
+use crate::safety::faults::{Faults, Latched};
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
-use crate::units::{Counts, CountsPerSecond};
+use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
+
+/// An encoder that turns does so faster than this.
+const TURNS: CountsPerSecond = CountsPerSecond::const_from_int(256);
 
 /// What an encoder says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,6 +53,8 @@ pub struct ControlCounters {
     pub refused: u32,
     /// Times the host fell silent; wraps.
     pub links_lost: u32,
+    /// Control periods that began so late that they were missed; wraps.
+    pub periods_missed: u32,
 }
 
 /// The state of things after a period: what a personality may tell.
@@ -68,6 +78,21 @@ pub struct Snapshot {
     /// The longest time so far, in microseconds, from the tick that begins a control period until
     /// its outputs stood. The controller has no clock: whoever runs it fills this in.
     pub worst_latency_us: u16,
+    /// The faults that are latched.
+    pub faults: Latched,
+    /// The record that [`Command::ShowFault`] asks for.
+    pub shown_fault: ShownFault,
+}
+
+/// A place in the list of fault records, and what stands there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShownFault {
+    /// From 0, in the order in which they tripped.
+    pub place: u8,
+    /// Records that are kept.
+    pub total: u8,
+    /// `None` behind the last.
+    pub record: Option<FaultRecord>,
 }
 
 impl Snapshot {
@@ -86,8 +111,10 @@ impl Snapshot {
         },
         link_loss: false,
         obstacle: false,
-        counters: ControlCounters { periods: 0, refused: 0, links_lost: 0 },
         worst_latency_us: 0,
+        faults: Latched::NONE,
+        shown_fault: ShownFault { place: 0, total: 0, record: None },
+        counters: ControlCounters { periods: 0, refused: 0, links_lost: 0, periods_missed: 0 },
     };
 }
 
@@ -123,6 +150,10 @@ pub struct Controller {
     angles: [Shaft; CHANNELS],
     guard: CollisionGuard,
     link: LinkWatch,
+    monitors: [ChannelMonitor; CHANNELS],
+    board: BoardMonitor,
+    faults: Faults,
+    shown_fault: u8,
     counters: ControlCounters,
 }
 
@@ -142,8 +173,23 @@ impl Controller {
             angles: Default::default(),
             guard: CollisionGuard::default(),
             link: LinkWatch::default(),
+            monitors: Default::default(),
+            board: BoardMonitor::default(),
+            faults: Faults::default(),
+            shown_fault: 0,
             counters: ControlCounters::default(),
         }
+    }
+
+    /// Keeps on record what only somebody else can see.
+    pub fn record(&mut self, fault: Fault) {
+        self.trip(fault, None, [0; 3]);
+    }
+
+    /// Tells it that the period that comes begins so late that it missed another one.
+    pub fn period_missed(&mut self, latency_us: u16) {
+        self.counters.periods_missed = self.counters.periods_missed.wrapping_add(1);
+        self.board.period_missed(latency_us);
     }
 
     /// One control period.
@@ -174,9 +220,15 @@ impl Controller {
                 self.axes[channel.index()].link_lost(reading);
             }
             self.servos.iter_mut().for_each(Servo::link_lost);
+            let silence = i16::try_from(self.settings.link_timeout).unwrap_or(i16::MAX);
+            self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
+        }
+        if let Some((fault, reading)) = self.board.step(sensors, &self.settings.board_faults) {
+            let reading = i16::try_from(reading).unwrap_or(i16::MAX);
+            self.trip(fault, None, [reading, 0, 0]);
         }
         let blocked = self.guard.step(sensors, &self.settings.collision);
-        let outputs = self.drive(blocked);
+        let outputs = self.drive(motion, blocked);
         Snapshot {
             motion: *motion,
             encoders: array::from_fn(|i| EncoderReading {
@@ -187,6 +239,12 @@ impl Controller {
             outputs,
             link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
             obstacle: self.guard.is_blocking(),
+            faults: self.faults.latched(),
+            shown_fault: ShownFault {
+                place: self.shown_fault,
+                total: self.faults.records(),
+                record: self.faults.record(self.shown_fault),
+            },
             counters: self.counters,
             worst_latency_us: 0,
         }
@@ -221,7 +279,7 @@ impl Controller {
         }
     }
 
-    fn drive(&mut self, blocked: bool) -> Outputs {
+    fn drive(&mut self, motion: &MotionInputs, blocked: bool) -> Outputs {
         let mut outputs = Outputs { gpio: self.gpio, ..Outputs::default() };
         for channel in Channel::ALL {
             let i = channel.index();
@@ -233,10 +291,67 @@ impl Controller {
                 *bound = Default::default();
             }
             let reading = self.reading(channel);
-            outputs.motors[i] = self.axes[i].step(reading, &limits);
+            let sensor = self.axes[i].sensor();
+            channel::hold_within(&self.settings.soft_limits[i], reading, sensor, &mut limits);
+            self.monitors[i].limit(&mut limits);
+            let output = self.axes[i].step(reading, &limits);
+            outputs.motors[i] = self.watch(channel, output, reading, motion);
             outputs.servos[i] = self.servos[i].step();
         }
         outputs
+    }
+
+    /// What a channel's monitor leaves of its drive: all of it, or nothing.
+    fn watch(
+        &mut self,
+        channel: Channel,
+        output: MotorOutput,
+        reading: Reading,
+        motion: &MotionInputs,
+    ) -> MotorOutput {
+        let i = channel.index();
+        if !output.enabled {
+            self.monitors[i] = ChannelMonitor::default();
+            return output;
+        }
+        let axis = &self.axes[i];
+        let encoder = self.encoders.get(i).filter(|_| axis.sensor() != Sensor::Encoder);
+        let observed = Observed {
+            current: motion.currents[i],
+            duty: output.duty,
+            sensor: axis.sensor(),
+            reading,
+            method: axis.method(),
+            error: axis.error(reading),
+            sensor_is_chosen: axis.sensor_is_chosen(),
+            turns_elsewhere: !axis.sensor_is_chosen()
+                && encoder.is_some_and(|shaft| shaft.reading.velocity.saturating_abs() > TURNS),
+        };
+        match self.monitors[i].step(&observed, &self.settings.channel_faults) {
+            Some((fault, values)) => {
+                self.trip(fault, Some(channel), values);
+                MotorOutput::default()
+            }
+            None => output,
+        }
+    }
+
+    /// Latches a fault, and stops what it stops.
+    fn trip(&mut self, fault: Fault, channel: Option<Channel>, values: [i16; 3]) {
+        let uptime_ms = self.counters.periods.wrapping_mul(CONTROL_PERIOD_MS);
+        if !self.faults.trip(FaultRecord { fault, channel, uptime_ms, values }) {
+            return;
+        }
+        warning!("fault: {}", fault);
+        let latched = self.faults.latched();
+        for channel in Channel::ALL {
+            if latched.stops_motor(channel) {
+                self.axes[channel.index()].trip();
+            }
+        }
+        if latched.stops_servos() {
+            self.servos.iter_mut().for_each(Servo::suspend);
+        }
     }
 
     fn apply(&mut self, command: &Command, motion: &MotionInputs) -> Result<(), Refused> {
@@ -244,6 +359,7 @@ impl Controller {
             Command::Drive { method, targets, periods } => {
                 self.go(method, &targets, periods, motion)
             }
+            Command::MoveServos { .. } if self.faults.latched().stops_servos() => Ok(()),
             Command::MoveServos { targets, periods } => {
                 for (servo, target) in self.servos.iter_mut().zip(targets) {
                     if let Some(target) = target {
@@ -257,21 +373,45 @@ impl Controller {
                 Ok(())
             }
             Command::Run { scope, run } => {
+                if run {
+                    self.faults.clear(scope, true);
+                }
+                let latched = self.faults.latched();
                 for channel in Channel::ALL {
                     if scope == Scope::All || scope == Scope::Motor(channel) {
                         let reading = self.reading(channel);
                         let axis = &mut self.axes[channel.index()];
-                        if run { axis.resume(reading) } else { axis.suspend() }
+                        match run {
+                            true if latched.stops_motor(channel) => {}
+                            true => axis.resume(reading),
+                            false => axis.suspend(),
+                        }
                     }
                     if scope == Scope::All || scope == Scope::Servo(channel) {
                         let servo = &mut self.servos[channel.index()];
-                        if run { servo.resume() } else { servo.suspend() }
+                        match run {
+                            true if latched.stops_servos() => {}
+                            true => servo.resume(),
+                            false => servo.suspend(),
+                        }
                     }
                 }
                 Ok(())
             }
             Command::Gpio(outputs) => {
                 self.gpio = outputs;
+                Ok(())
+            }
+            Command::ClearFaults(scope) => {
+                self.faults.clear(scope, false);
+                Ok(())
+            }
+            Command::ShowFault(place) => {
+                self.shown_fault = place;
+                Ok(())
+            }
+            Command::Record(fault) => {
+                self.record(fault);
                 Ok(())
             }
         }
@@ -292,7 +432,8 @@ impl Controller {
                 .check(method, target)
                 .map_err(|reason| Refused::Axis(channel, reason))?;
         }
-        for (channel, target) in moves() {
+        let latched = self.faults.latched();
+        for (channel, target) in moves().filter(|&(channel, _)| !latched.stops_motor(channel)) {
             // Hosts exist that never choose a sensor and expect velocity control with encoders.
             if method == Method::Velocity
                 && channel.index() < ENCODERS
@@ -300,6 +441,11 @@ impl Controller {
             {
                 self.set_sensor(channel, Sensor::Encoder, false, motion);
             }
+            let soft = &self.settings.soft_limits[channel.index()];
+            let target = match method {
+                Method::Position if soft.are_set() => target.clamp(soft.low, soft.high),
+                _ => target,
+            };
             let reading = self.reading(channel);
             self.axes[channel.index()].go(method, target, periods, reading);
         }
@@ -351,6 +497,7 @@ impl Controller {
         let i = channel.index();
         if sensor != self.axes[i].sensor() {
             self.angles[i] = Shaft::default();
+            self.monitors[i] = ChannelMonitor::default();
             if let Some(angle) = angle(channel, sensor, motion) {
                 self.angles[i].update(angle, scale(sensor));
             }

@@ -12,7 +12,7 @@
 //! | [`control`] | pure control: PID, trajectories, velocity, one channel, one servo |
 //! | [`command`] | the controller's vocabulary |
 //! | [`controller`] | one step a control period over six channels and six servos |
-//! | [`safety`] | link silence, collision protection |
+//! | [`safety`] | link silence, collision protection, faults |
 //! | [`personality`] | sessions without I/O: how a controller of old presents itself |
 //! | [`settings`] | what an owner may choose |
 //! | [`app`] | the tasks, the only place where time passes |

@@ -129,9 +129,9 @@ pub enum Program {
 
 /// The processor and its watchdog.
 pub trait SystemPort {
-    /// Feeds the watchdog before something that takes long; see
-    /// [`WATCHDOG_PERIOD`](crate::app::WATCHDOG_PERIOD).
-    fn feed_watchdog(&mut self);
+    /// Feeds the watchdog before flash is erased: it must bear
+    /// [`ERASE_PERIOD`](crate::app::ERASE_PERIOD) until it is fed again.
+    fn before_erase(&mut self);
     /// Whether this program can be started.
     fn can_start(&self, program: Program) -> bool;
     /// Starts it. On hardware this does not return.

@@ -16,7 +16,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use embassy_futures::join::join;
-use embassy_futures::select::{Either, select};
+use embassy_futures::select::{Either3, select3};
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant};
@@ -33,7 +33,7 @@ use crate::clock;
 use crate::flash::{self, Flash};
 use crate::plant::{Plant, Scene};
 use crate::running::Running;
-use crate::tasks::{self, Channels};
+use crate::tasks::{self, Channels, Watchdog};
 use crate::wire::Line;
 
 /// What a virtual board is made of.
@@ -62,6 +62,8 @@ pub struct VirtualBoard<S: Session = Pms5005> {
     /// Those since the last start.
     channels: Rc<RefCell<Rc<Channels<S::Counters>>>>,
     restart: Rc<Restart>,
+    /// What starts the firmware again when it hangs, and what makes it hang.
+    pub watchdog: Rc<Watchdog>,
     /// The world around the board.
     pub plant: Rc<RefCell<Plant>>,
     /// The line to the host.
@@ -107,16 +109,20 @@ impl<S: Session + 'static> VirtualBoard<S> {
         let line = Line::new(make.line_rate);
         let channels = Rc::new(RefCell::new(Rc::new(Channels::new())));
         let restart = Rc::new(Restart::new());
+        let watchdog = Rc::new(Watchdog::new());
         let running = Running::new({
             let (mut rx, mut tx) = line.board_end();
             let mut store = Store::new(flash.clone(), 0..flash::SIZE as u32);
             let (plant, all_channels, restart) = (plant.clone(), channels.clone(), restart.clone());
+            let watchdog = watchdog.clone();
             async move {
                 let mut reset = ResetCause::Power;
                 loop {
                     let channels = Rc::new(Channels::new());
                     all_channels.replace(channels.clone());
                     plant.borrow_mut().outputs = Outputs::default();
+                    watchdog.hung.set(None);
+                    watchdog.feed();
                     let (settings, origin) = match store.load(|| {}) {
                         (settings, Origin::Stored) => (settings, Origin::Stored),
                         (_, origin) => (make.settings, origin),
@@ -124,7 +130,8 @@ impl<S: Session + 'static> VirtualBoard<S> {
                     let boot = Boot { reset, settings: origin, stack_used: || 0 };
                     let mut session = session(settings, boot, Instant::now());
                     let mut controller = Controller::new(settings.control);
-                    let mut system = System(&restart);
+                    boot.faults().for_each(|fault| controller.record(fault));
+                    let mut system = System { restart: &restart, watchdog: &watchdog };
                     let tasks = join(
                         tasks::all(
                             &plant,
@@ -132,15 +139,18 @@ impl<S: Session + 'static> VirtualBoard<S> {
                             &mut session,
                             (&mut rx, &mut tx),
                             &channels,
+                            &watchdog,
                         ),
                         app::upkeep(&mut store, &mut system, &channels),
                     );
-                    let Either::Second(cause) = select(tasks, restart.wait()).await; // tasks never end
-                    reset = cause;
+                    reset = match select3(tasks, restart.wait(), watchdog.bites()).await {
+                        Either3::Second(cause) => cause,
+                        Either3::First(_) | Either3::Third(()) => ResetCause::Watchdog,
+                    };
                 }
             }
         });
-        Self { running, channels, restart, plant, line, flash }
+        Self { running, channels, restart, watchdog, plant, line, flash }
     }
 
     /// Starts the firmware from its beginning: what it drove goes off, what it knew is lost. World,
@@ -177,17 +187,22 @@ impl Default for VirtualBoard {
     }
 }
 
-/// A processor that has no other program than the firmware, and no watchdog.
-struct System<'a>(&'a Restart);
+/// A processor that has no other program than the firmware.
+struct System<'a> {
+    restart: &'a Restart,
+    watchdog: &'a Watchdog,
+}
 
 impl SystemPort for System<'_> {
-    fn feed_watchdog(&mut self) {}
+    fn before_erase(&mut self) {
+        self.watchdog.feed();
+    }
 
     fn can_start(&self, program: Program) -> bool {
         program == Program::Firmware
     }
 
     fn start(&mut self, _program: Program) {
-        self.0.signal(ResetCause::Software);
+        self.restart.signal(ResetCause::Software);
     }
 }

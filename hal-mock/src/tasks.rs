@@ -4,12 +4,13 @@
 //! at the same times get the same answers from both. Each adds a line to the host, and says how
 //! far the clock may go.
 
-use core::cell::RefCell;
-use core::pin::Pin;
+use core::cell::{Cell, RefCell};
+use core::future::poll_fn;
+use core::pin::{Pin, pin};
 use core::sync::atomic::{AtomicBool, Ordering};
-use core::task::{Context, Waker};
+use core::task::{Context, Poll, Waker};
 
-use embassy_futures::join::join4;
+use embassy_futures::join::join5;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
@@ -27,6 +28,66 @@ pub type Channels<C> = app::Channels<NoopRawMutex, C>;
 /// How long a reading of the slow sensors takes.
 const SENSOR_PERIOD: Duration = Duration::from_millis(20);
 
+/// One of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Task {
+    /// [`app::control`].
+    Control,
+    /// [`app::sensors`].
+    Sensors,
+    /// [`app::display`].
+    Display,
+    /// [`app::link`].
+    Link,
+    /// [`app::supervise`].
+    Supervision,
+}
+
+/// A watchdog that bites when it is not fed, and the hand that can make a task hang.
+pub struct Watchdog {
+    fed: Cell<Instant>,
+    /// The task that hangs: it is not polled any more.
+    pub hung: Cell<Option<Task>>,
+}
+
+impl Watchdog {
+    /// Fed just now, and nothing hangs.
+    pub fn new() -> Self {
+        Self { fed: Cell::new(Instant::now()), hung: Cell::new(None) }
+    }
+
+    /// Feeds it.
+    pub fn feed(&self) {
+        self.fed.set(Instant::now());
+    }
+
+    /// Until it bites.
+    pub async fn bites(&self) {
+        loop {
+            let at = self.fed.get() + app::WATCHDOG_PERIOD;
+            if Instant::now() >= at {
+                return;
+            }
+            Timer::at(at).await;
+        }
+    }
+
+    async fn watch<T>(&self, task: Task, future: impl Future<Output = T>) -> T {
+        let mut future = pin!(future);
+        poll_fn(|context| match self.hung.get() {
+            Some(hung) if hung == task => Poll::Pending,
+            _ => future.as_mut().poll(context),
+        })
+        .await
+    }
+}
+
+impl Default for Watchdog {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 /// The tasks of a board, as one task.
 pub async fn all<S: Session>(
     plant: &RefCell<Plant>,
@@ -34,12 +95,16 @@ pub async fn all<S: Session>(
     session: &mut S,
     (rx, tx): (&mut impl Read, &mut impl Write),
     channels: &Channels<S::Counters>,
+    watchdog: &Watchdog,
 ) {
-    join4(
-        app::control(&mut Bench(plant), controller, channels),
-        app::sensors(&mut SlowBench { plant, started: false }, channels),
-        app::display(&mut Bench(plant), channels),
-        app::link(rx, tx, session, channels),
+    let make_safe = || plant.borrow_mut().outputs = Outputs::default();
+    let mut slow = SlowBench { plant, started: false };
+    join5(
+        watchdog.watch(Task::Control, app::control(&mut Bench(plant), controller, channels)),
+        watchdog.watch(Task::Sensors, app::sensors(&mut slow, channels)),
+        watchdog.watch(Task::Display, app::display(&mut Bench(plant), channels)),
+        watchdog.watch(Task::Link, app::link(rx, tx, session, channels)),
+        watchdog.watch(Task::Supervision, app::supervise(|| watchdog.feed(), make_safe, channels)),
     )
     .await;
 }

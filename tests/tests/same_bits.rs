@@ -59,7 +59,12 @@ fn toggled(period: u32) -> Command {
 
 #[test]
 fn the_controller_gives_these_bits_on_every_machine() {
-    let mut controller = Controller::new(Settings::DEFAULT.control);
+    // These shafts go their own way whatever drives them, the two halves of a pair do not agree,
+    // and all stand at an end at last. Those are faults, and a channel that is off has no bits.
+    let mut settings = Settings::DEFAULT.control;
+    let faults = &mut settings.channel_faults;
+    (faults.tracking_ms, faults.sensor_ms, faults.rail_ms, faults.jump) = (0, 0, 0, 0);
+    let mut controller = Controller::new(settings);
     let mut digest = Digest(0xCBF2_9CE4_8422_2325);
     let mut noise = 1u32;
     let mut random = |below: u32| {

@@ -8,7 +8,7 @@
 //!                      │ Picture                             ↑ Sensors
 //!                      └────────> display ──> LcdPort        └── sensors <── SensorPort
 //!
-//!  supervise: feeds the watchdog when all of the above have checked in
+//!  supervise: feeds the watchdog as long as all of the above answer the roll call of control
 //!  upkeep: saves settings and restarts the board, while control is held back with nothing driven
 //! ```
 //!
@@ -21,6 +21,7 @@
 
 mod bridge;
 mod presence;
+mod roll;
 
 use core::cell::{Cell, RefCell};
 
@@ -34,16 +35,19 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
+use protocol::pms5005::extension::Fault;
 
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
-use crate::ports::{LcdPort, MotionPort, SensorPort, Sensors, SystemPort};
+use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
 use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
 pub use bridge::{bridge, bridge_presence};
 use presence::CHECK_IN_PERIOD;
-pub use presence::{Presence, WATCHDOG_PERIOD};
+pub use presence::{ERASE_PERIOD, Presence, WATCHDOG_PERIOD};
+pub use roll::Roll;
+use roll::Task;
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
 /// 115200 baud, so a period brings two at most; a full queue makes the link wait, nothing is
@@ -58,20 +62,6 @@ const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64)
 /// How long the last answer of a program has to leave before another is started: an answer and an
 /// acknowledgement behind the longest frame take 25 ms at 115200 baud.
 const FAREWELL: Duration = Duration::from_millis(100);
-
-/// Who must show signs of life, as bits.
-#[derive(Clone, Copy)]
-enum Task {
-    Control = 1 << 0,
-    Sensors = 1 << 1,
-    Display = 1 << 2,
-    Receive = 1 << 3,
-    Transmit = 1 << 4,
-}
-
-impl Task {
-    const ALL: u8 = (1 << 5) - 1;
-}
 
 /// The newest value of something, for readers that do not want to wait.
 pub struct Latest<M: RawMutex, T: Copy>(Mutex<M, Cell<T>>);
@@ -97,7 +87,7 @@ impl<M: RawMutex, T: Copy> Latest<M, T> {
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     pictures: Channel<M, Picture, PICTURES>,
-    presence: Presence<M>,
+    roll: Roll<M>,
     /// The newest state of the controller.
     pub snapshot: Latest<M, Snapshot>,
     /// The newest reading of the slow sensors.
@@ -119,7 +109,7 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
         Self {
             commands: Channel::new(),
             pictures: Channel::new(),
-            presence: Presence::new(Task::ALL),
+            roll: Roll::new(),
             snapshot: Latest::new(Snapshot::BOOT),
             sensors: Latest::new(Sensors::UNKNOWN),
             link: Latest::new(C::default()),
@@ -148,9 +138,19 @@ pub async fn control<M: RawMutex, C: Copy>(
     loop {
         due += CONTROL_PERIOD;
         Timer::at(due).await;
+        let begun = due;
+        let late = Instant::now().saturating_duration_since(begun);
+        if late >= CONTROL_PERIOD {
+            // What was missed is not made up for: no shaft has moved for it.
+            controller.period_missed(microseconds(late));
+            while due + CONTROL_PERIOD <= Instant::now() {
+                due += CONTROL_PERIOD;
+            }
+        }
         let motion = port.sample();
         // No more than were waiting: a fast link must not stretch the period.
-        let most = if channels.hold.get() { 0 } else { COMMANDS };
+        let is_held = channels.hold.get();
+        let most = if is_held { 0 } else { COMMANDS };
         let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
         let mut snapshot = controller.step(
             commands.take(most),
@@ -158,18 +158,29 @@ pub async fn control<M: RawMutex, C: Copy>(
             &channels.sensors.get(),
             channels.signs_of_life.get(),
         );
+        // Who waits for commands to be carried out has not hung.
+        if !is_held && !channels.roll.call() {
+            snapshot.outputs = Outputs::default();
+        }
         port.drive(&snapshot.outputs);
-        let latency_us = (Instant::now() - due).as_micros();
-        worst_latency_us = worst_latency_us.max(u16::try_from(latency_us).unwrap_or(u16::MAX));
+        worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
         channels.snapshot.set(snapshot);
-        channels.presence.check_in(Task::Control as u8);
     }
 }
 
-/// Calls `feed` whenever all tasks have shown signs of life: [`Presence::supervise`].
-pub async fn supervise<M: RawMutex, C: Copy>(feed: impl FnMut(), channels: &Channels<M, C>) -> ! {
-    channels.presence.supervise(feed).await
+fn microseconds(time: Duration) -> u16 {
+    u16::try_from(time.as_micros()).unwrap_or(u16::MAX)
+}
+
+/// Calls `feed` as long as every task answers, and `make_safe` when control does not: [`Roll`]. The
+/// watchdog must bear [`WATCHDOG_PERIOD`].
+pub async fn supervise<M: RawMutex, C: Copy>(
+    feed: impl FnMut(),
+    make_safe: impl FnMut(),
+    channels: &Channels<M, C>,
+) -> ! {
+    channels.roll.supervise(feed, make_safe).await
 }
 
 /// Saves settings and starts programs, while control is held back and if nothing is driven: flash
@@ -199,7 +210,7 @@ pub async fn upkeep<M: RawMutex, C: Copy>(
             }
             Upkeep::Start(_) => Ok(()),
             Upkeep::Save(settings) => store
-                .save(&settings, || system.feed_watchdog())
+                .save(&settings, || system.before_erase())
                 .map_err(|_| UpkeepRefused::FlashFailed),
         };
         channels.upkeep_done.signal(result);
@@ -219,14 +230,14 @@ pub async fn no_upkeep<M: RawMutex, C: Copy>(channels: &Channels<M, C>) -> ! {
     }
 }
 
-/// Reads the slow sensors, one reading after the other. Deadline: a reading takes 100 ms at most.
+/// Reads the slow sensors, one reading after the other. Deadline: a reading takes 80 ms at most.
 pub async fn sensors<M: RawMutex, C: Copy>(
     port: &mut impl SensorPort,
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
         channels.sensors.set(port.read().await);
-        channels.presence.check_in(Task::Sensors as u8);
+        channels.roll.answer(Task::Sensors);
     }
 }
 
@@ -236,7 +247,7 @@ pub async fn display<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
-        channels.presence.check_in(Task::Display as u8);
+        channels.roll.answer(Task::Display);
         let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
         if let Ok(picture) = waited {
             port.show(picture.number, &picture.columns).await;
@@ -267,13 +278,18 @@ pub async fn link<M: RawMutex, S: Session>(
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
-            channels.presence.check_in(Task::Receive as u8);
+            channels.roll.answer(Task::Receive);
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
             let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(until)).await {
                 Either::First(Ok(count)) if count > 0 => &buffer[..count],
-                Either::First(_) => {
+                Either::First(end_or_error) => {
                     session.borrow_mut().line_failed();
+                    if end_or_error.is_err() {
+                        // It is on record, or the queue is full and commands go before it.
+                        let record = Command::Record(Fault::ReceiveOverrun);
+                        let _ = channels.commands.try_send(record);
+                    }
                     Timer::after(LINE_DOWN).await;
                     &[]
                 }
@@ -311,7 +327,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let transmit = async {
         let mut buffer = [0; MAX_FRAME];
         loop {
-            channels.presence.check_in(Task::Transmit as u8);
+            channels.roll.answer(Task::Transmit);
             // A frame may take long to send; a snapshot is not kept for so long.
             let frame = {
                 let snapshot = channels.snapshot.get();

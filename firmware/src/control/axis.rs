@@ -156,6 +156,21 @@ impl Axis {
         self.sensor_chosen
     }
 
+    /// What its set-point means.
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
+    /// The set-point less what is measured, in the method's unit; none for PWM.
+    pub fn error(&self, now: Reading) -> Counts {
+        let set_point = Counts::from_bits(self.set_point);
+        match self.method {
+            Method::Pwm => Counts::ZERO,
+            Method::Position => scale(self.sensor).difference(set_point, now.position),
+            Method::Velocity => set_point.saturating_sub(now.velocity),
+        }
+    }
+
     /// Whether the channel was stopped, or is being stopped, because the host fell silent.
     pub fn is_stopped_by_link_loss(&self) -> bool {
         matches!(self.state, State::Stopping(_) | State::Stopped)
@@ -208,6 +223,12 @@ impl Axis {
             State::Stopping(_) => self.stopped(),
             State::Suspended | State::Stopped => {}
         }
+    }
+
+    /// A fault: off as if suspended, with nowhere to go.
+    pub fn trip(&mut self) {
+        self.stopped();
+        self.state = State::Suspended;
     }
 
     /// Resumes the channel: it goes on with its move, or holds where it is if it has none.

@@ -10,6 +10,7 @@ pub mod table;
 use protocol::pms5005::Sensor;
 
 use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
+use protocol::pms5005::CHANNELS;
 
 use crate::units::Duty;
 
@@ -60,6 +61,83 @@ pub struct CollisionSettings {
     pub forward_is_positive: [bool; 2],
 }
 
+/// The least and the greatest position that a channel may be driven to, in counts of its sensor.
+/// Two equal ones set none, the default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SoftLimits {
+    /// 0 or more.
+    pub low: i16,
+    /// Up to the sensor's last count.
+    pub high: i16,
+}
+
+impl SoftLimits {
+    /// No limits.
+    pub const NONE: Self = Self { low: 0, high: 0 };
+
+    /// Whether there are any.
+    pub fn are_set(&self) -> bool {
+        self.low < self.high
+    }
+}
+
+/// When a DC channel's faults trip: [`safety::faults`](crate::safety::faults). Times are control
+/// periods (ms).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ChannelFaultSettings {
+    /// A motor current of this many A/D counts or more is limited; 0 never is. Default 3640, which
+    /// is 5 A of the 5.6 A that can be measured.
+    pub over_current: u16,
+    /// How long it may be limited without a pause; 0 for ever. Default 2000.
+    pub over_current_ms: u16,
+    /// A channel is driven at this duty or more, in 1/16384; default 8192.
+    pub driven: u16,
+    /// At full drive a shaft that is held fast draws this many A/D counts or more, and in proportion
+    /// at less; default 728, which is 1 A.
+    pub stall_current: u16,
+    /// How long a shaft may be held fast while it is driven; 0 for ever. Default 6000: wheels push
+    /// against a wall for a while, and nothing runs away.
+    pub stall_ms: u16,
+    /// How long a driven loop may see no motion without the current of a shaft that is held fast;
+    /// 0 for ever. Default 500.
+    pub sensor_ms: u16,
+    /// The same at an end of a potentiometer's track; default 250.
+    pub rail_ms: u16,
+    /// A potentiometer that moves so many counts in a control period has jumped; 0 never does.
+    /// Default 128: a turn takes 35 ms then.
+    pub jump: u16,
+    /// A position loop that is off by more than this many counts may be astray; default 512.
+    pub tracking_position: u16,
+    /// A velocity loop that is off by more than this many counts/s may be astray; default 2048.
+    pub tracking_velocity: u16,
+    /// How long a driven shaft may move away from where it is to be; 0 for ever. Default 1500.
+    pub tracking_ms: u16,
+}
+
+/// When the board's faults trip, in A/D counts; a threshold of 0 never does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BoardFaultSettings {
+    /// The motors' battery is low below this; default 853, which is 5 V.
+    pub motor_battery_low: u16,
+    /// The motors' battery is too high from this on; default 0: what can be measured is allowed.
+    pub motor_battery_high: u16,
+    /// The servos' battery is low below this; default 1820, which is 4 V.
+    pub servo_battery_low: u16,
+    /// The main board's battery is low below this; default 2002, which is 4.4 V.
+    pub main_battery_low: u16,
+    /// A driver is too hot below this; default 1096, which is 90 degrees.
+    pub driver_hot: u16,
+    /// The surroundings are too hot from this on; default 3692, which is 70 degrees.
+    pub ambient_hot: u16,
+    /// How long each of these must last, in ms; default 1000.
+    pub lasts_ms: u16,
+    /// Missed control periods in a row that are too many; default 100.
+    pub missed_periods: u16,
+}
+
 /// The controller's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -75,6 +153,12 @@ pub struct ControlSettings {
     pub full_speed_potentiometer: u32,
     /// Collision protection.
     pub collision: CollisionSettings,
+    /// Limits of the DC channels' positions.
+    pub soft_limits: [SoftLimits; CHANNELS],
+    /// Faults of every DC channel.
+    pub channel_faults: ChannelFaultSettings,
+    /// Faults of the board.
+    pub board_faults: BoardFaultSettings,
 }
 
 impl ControlSettings {
@@ -211,6 +295,30 @@ impl Settings {
                 ir_clear: 1388,
                 sonar_forward: 0b11_1111,
                 forward_is_positive: [true; 2],
+            },
+            soft_limits: [SoftLimits::NONE; CHANNELS],
+            channel_faults: ChannelFaultSettings {
+                over_current: 3640,
+                over_current_ms: 2000,
+                driven: Duty::FULL as u16 / 2,
+                stall_current: 728,
+                stall_ms: 6000,
+                sensor_ms: 500,
+                rail_ms: 250,
+                jump: 128,
+                tracking_position: 512,
+                tracking_velocity: 2048,
+                tracking_ms: 1500,
+            },
+            board_faults: BoardFaultSettings {
+                motor_battery_low: 853,
+                motor_battery_high: 0,
+                servo_battery_low: 1820,
+                main_battery_low: 2002,
+                driver_hot: 1096,
+                ambient_hot: 3692,
+                lasts_ms: 1000,
+                missed_periods: 100,
             },
         },
         link: LinkSettings { telemetry_period_ms: 50 },

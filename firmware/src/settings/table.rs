@@ -104,6 +104,99 @@ settings! {
     32, "telemetry period", Milliseconds, 1, 60000, 50,
         "period of every telemetry stream",
         |s| s.link.telemetry_period_ms.into(), |s, v| s.link.telemetry_period_ms = v as u16;
+    48, "over-current", AdCounts, 0, 4095, 3640,
+        "fault 1: a motor current that is limited (3640 is 5 A); 0 never is",
+        |s| s.control.channel_faults.over_current.into(), |s, v| s.control.channel_faults.over_current = v as u16;
+    49, "over-current time", Milliseconds, 0, 60000, 2000,
+        "fault 1: how long it may be limited; 0 for ever",
+        |s| s.control.channel_faults.over_current_ms.into(), |s, v| s.control.channel_faults.over_current_ms = v as u16;
+    50, "driven", Duty, 1, 16384, 8192,
+        "faults 2 to 4: a channel is driven from this duty on",
+        |s| s.control.channel_faults.driven.into(), |s, v| s.control.channel_faults.driven = v as u16;
+    51, "stall current", AdCounts, 0, 4095, 728,
+        "faults 2, 4: what a shaft that is held fast draws at full drive, at least (728 is 1 A)",
+        |s| s.control.channel_faults.stall_current.into(), |s, v| s.control.channel_faults.stall_current = v as u16;
+    52, "stall time", Milliseconds, 0, 60000, 6000,
+        "fault 2: how long a driven shaft may be held fast; 0 for ever",
+        |s| s.control.channel_faults.stall_ms.into(), |s, v| s.control.channel_faults.stall_ms = v as u16;
+    53, "sensor time", Milliseconds, 0, 60000, 500,
+        "fault 4: how long a driven loop may see no motion; 0 for ever",
+        |s| s.control.channel_faults.sensor_ms.into(), |s, v| s.control.channel_faults.sensor_ms = v as u16;
+    54, "rail time", Milliseconds, 0, 60000, 250,
+        "fault 4: the same at an end of a potentiometer; 0 for ever",
+        |s| s.control.channel_faults.rail_ms.into(), |s, v| s.control.channel_faults.rail_ms = v as u16;
+    55, "sensor jump", Counts, 0, 4095, 128,
+        "fault 4: what no potentiometer moves in a control period; 0 is anything",
+        |s| s.control.channel_faults.jump.into(), |s, v| s.control.channel_faults.jump = v as u16;
+    56, "tracking position", Counts, 0, 32767, 512,
+        "fault 3: how far a position loop may be off",
+        |s| s.control.channel_faults.tracking_position.into(), |s, v| s.control.channel_faults.tracking_position = v as u16;
+    57, "tracking velocity", CountsPerSecond, 0, 65535, 2048,
+        "fault 3: how far a velocity loop may be off",
+        |s| s.control.channel_faults.tracking_velocity.into(), |s, v| s.control.channel_faults.tracking_velocity = v as u16;
+    58, "tracking time", Milliseconds, 0, 30000, 1500,
+        "fault 3: how long a loop may be astray or hunt; 0 for ever",
+        |s| s.control.channel_faults.tracking_ms.into(), |s, v| s.control.channel_faults.tracking_ms = v as u16;
+    64, "motor battery low", AdCounts, 0, 4095, 853,
+        "fault 16: below this (853 is 5 V); 0 is off",
+        |s| s.control.board_faults.motor_battery_low.into(), |s, v| s.control.board_faults.motor_battery_low = v as u16;
+    65, "motor battery high", AdCounts, 0, 4095, 0,
+        "fault 17: from this on (171 is 1 V); 0 is off",
+        |s| s.control.board_faults.motor_battery_high.into(), |s, v| s.control.board_faults.motor_battery_high = v as u16;
+    66, "servo battery low", AdCounts, 0, 4095, 1820,
+        "fault 18: below this (1820 is 4 V); 0 is off",
+        |s| s.control.board_faults.servo_battery_low.into(), |s, v| s.control.board_faults.servo_battery_low = v as u16;
+    67, "main battery low", AdCounts, 0, 4095, 2002,
+        "fault 19: below this (2002 is 4.4 V); 0 is off",
+        |s| s.control.board_faults.main_battery_low.into(), |s, v| s.control.board_faults.main_battery_low = v as u16;
+    68, "driver hot", AdCounts, 0, 4095, 1096,
+        "fault 20: below this (1096 is 90 degrees, less is hotter); 0 is off",
+        |s| s.control.board_faults.driver_hot.into(), |s, v| s.control.board_faults.driver_hot = v as u16;
+    69, "ambient hot", AdCounts, 0, 4095, 3692,
+        "fault 21: from this on (3692 is 70 degrees); 0 is off",
+        |s| s.control.board_faults.ambient_hot.into(), |s, v| s.control.board_faults.ambient_hot = v as u16;
+    70, "battery and heat time", Milliseconds, 0, 60000, 1000,
+        "faults 16 to 21: how long it must last",
+        |s| s.control.board_faults.lasts_ms.into(), |s, v| s.control.board_faults.lasts_ms = v as u16;
+    71, "missed periods", Milliseconds, 0, 9000, 100,
+        "fault 23: so many missed in a row; 0 is off",
+        |s| s.control.board_faults.missed_periods.into(), |s, v| s.control.board_faults.missed_periods = v as u16;
+    80, "soft limit 0 low", Counts, 0, 32767, 0,
+        "channel 0 is driven no lower; equal to the next one it is off",
+        |s| s.control.soft_limits[0].low.into(), |s, v| s.control.soft_limits[0].low = v as i16;
+    81, "soft limit 0 high", Counts, 0, 32767, 0,
+        "channel 0 is driven no higher; not below the one before",
+        |s| s.control.soft_limits[0].high.into(), |s, v| s.control.soft_limits[0].high = v as i16;
+    82, "soft limit 1 low", Counts, 0, 32767, 0,
+        "channel 1 is driven no lower; equal to the next one it is off",
+        |s| s.control.soft_limits[1].low.into(), |s, v| s.control.soft_limits[1].low = v as i16;
+    83, "soft limit 1 high", Counts, 0, 32767, 0,
+        "channel 1 is driven no higher; not below the one before",
+        |s| s.control.soft_limits[1].high.into(), |s, v| s.control.soft_limits[1].high = v as i16;
+    84, "soft limit 2 low", Counts, 0, 32767, 0,
+        "channel 2 is driven no lower; equal to the next one it is off",
+        |s| s.control.soft_limits[2].low.into(), |s, v| s.control.soft_limits[2].low = v as i16;
+    85, "soft limit 2 high", Counts, 0, 32767, 0,
+        "channel 2 is driven no higher; not below the one before",
+        |s| s.control.soft_limits[2].high.into(), |s, v| s.control.soft_limits[2].high = v as i16;
+    86, "soft limit 3 low", Counts, 0, 32767, 0,
+        "channel 3 is driven no lower; equal to the next one it is off",
+        |s| s.control.soft_limits[3].low.into(), |s, v| s.control.soft_limits[3].low = v as i16;
+    87, "soft limit 3 high", Counts, 0, 32767, 0,
+        "channel 3 is driven no higher; not below the one before",
+        |s| s.control.soft_limits[3].high.into(), |s, v| s.control.soft_limits[3].high = v as i16;
+    88, "soft limit 4 low", Counts, 0, 32767, 0,
+        "channel 4 is driven no lower; equal to the next one it is off",
+        |s| s.control.soft_limits[4].low.into(), |s, v| s.control.soft_limits[4].low = v as i16;
+    89, "soft limit 4 high", Counts, 0, 32767, 0,
+        "channel 4 is driven no higher; not below the one before",
+        |s| s.control.soft_limits[4].high.into(), |s, v| s.control.soft_limits[4].high = v as i16;
+    90, "soft limit 5 low", Counts, 0, 32767, 0,
+        "channel 5 is driven no lower; equal to the next one it is off",
+        |s| s.control.soft_limits[5].low.into(), |s, v| s.control.soft_limits[5].low = v as i16;
+    91, "soft limit 5 high", Counts, 0, 32767, 0,
+        "channel 5 is driven no higher; not below the one before",
+        |s| s.control.soft_limits[5].high.into(), |s, v| s.control.soft_limits[5].high = v as i16;
 }
 
 fn ki_reading(value: i32) -> KiReading {
@@ -144,6 +237,11 @@ impl Settings {
         }
         if collision.ir_clear > collision.ir_stop {
             return Err(SettingRefused::Contradiction(19));
+        }
+        for (number, soft) in (81..).step_by(2).zip(&self.control.soft_limits) {
+            if soft.high < soft.low {
+                return Err(SettingRefused::Contradiction(number));
+            }
         }
         Ok(())
     }
@@ -234,5 +332,7 @@ mod tests {
         assert_eq!(contradiction(&[(16, 36), (17, 36)]), None);
         assert_eq!(contradiction(&[(19, 1679)]), Some(SettingRefused::Contradiction(19)));
         assert_eq!(contradiction(&[(19, 1679), (18, 1679)]), None);
+        assert_eq!(contradiction(&[(84, 1000)]), Some(SettingRefused::Contradiction(85)));
+        assert_eq!(contradiction(&[(84, 1000), (85, 1000)]), None);
     }
 }

@@ -31,6 +31,8 @@ pub const STEP_S: f32 = 0.001;
 pub struct Overrides {
     /// Potentiometers, A/D counts.
     pub potentiometers: [Option<u16>; 6],
+    /// Encoders' counters; one that does not change is one that is unplugged.
+    pub encoders: [Option<u16>; 2],
     /// Motor currents, A/D counts.
     pub currents: [Option<u16>; 6],
     /// Custom A/D channels, A/D counts.
@@ -146,7 +148,9 @@ impl Plant {
                 let read = self.converter(convert::current(self.motors[i].current_a()));
                 self.overrides.currents[i].unwrap_or(read)
             }),
-            encoders: array::from_fn(|i| self.motors[i].encoder()),
+            encoders: array::from_fn(|i| {
+                self.overrides.encoders[i].unwrap_or(self.motors[i].encoder())
+            }),
         }
     }
 

@@ -83,5 +83,5 @@ async fn main(spawner: Spawner) {
     SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
-    join(app::supervise(|| watchdog.pet(), all), app::no_upkeep(all)).await;
+    join(app::supervise(|| watchdog.pet(), board::safe_state, all), app::no_upkeep(all)).await;
 }

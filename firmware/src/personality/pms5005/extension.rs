@@ -3,25 +3,26 @@
 //! What a request asks of the session is done here, and what is to be answered waits here, as a
 //! note of a few bytes; the answer itself is made when it is sent, from what is true then.
 
-use embassy_time::Instant;
-use heapless::{Deque, Vec};
+use embassy_time::{Duration, Instant};
+use heapless::Deque;
 use protocol::pms5005::extension::{
-    Action, Answer, Assignments, Counters, Fault, FaultRecord, Health, Identity, Latched, Origin,
-    Outcome, Request as Asked, ResetCause, VERSION, Verdict,
+    Action, Answer, Assignments, Counters, Fault, Health, Identity, Latched, Origin, Outcome,
+    Request as Asked, ResetCause, VERSION, Verdict,
 };
-use protocol::pms5005::{did, extension};
+use protocol::pms5005::{Scope, did, extension};
 
 use super::LinkCounters;
 use crate::command::{Command, Configuration};
-use crate::controller::Snapshot;
+use crate::controller::{ShownFault, Snapshot};
 use crate::personality::{Request, Upkeep, UpkeepRefused};
 use crate::ports::Program;
 use crate::settings::{SettingRefused, Settings};
 
 /// Answers that may wait. A host that waits for each before it asks again never has two.
 const ANSWERS_WAITING: usize = 8;
-/// Faults that may be latched at a time: four of each channel, eleven of the board.
-const FAULTS: usize = 35;
+/// A record of a fault is there two control periods after it was asked for, or when nothing holds
+/// the controller's commands back any more.
+const RECORD_SHOWN: Duration = Duration::from_millis(2);
 
 /// How the board has started, and what only it knows.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +33,15 @@ pub struct Boot {
     pub settings: Origin,
     /// The most stack that was ever used, in bytes; 0 is unknown.
     pub stack_used: fn() -> u16,
+}
+
+impl Boot {
+    /// What has gone wrong before or during the start.
+    pub fn faults(&self) -> impl Iterator<Item = Fault> + use<> {
+        let corrupt = (self.settings == Origin::Corrupt).then_some(Fault::SettingsCorrupt);
+        let watchdog = (self.reset == ResetCause::Watchdog).then_some(Fault::WatchdogReset);
+        corrupt.into_iter().chain(watchdog)
+    }
 }
 
 impl Default for Boot {
@@ -64,23 +74,17 @@ pub(super) struct Extension {
     settings: Settings,
     boot: Boot,
     booted: Instant,
-    /// Whether the faults of the start itself have been cleared.
-    boot_faults_cleared: bool,
     owed: Deque<Owed, ANSWERS_WAITING>,
     /// What the board is doing for the host.
     upkeep: Option<Action>,
+    /// The place of the fault whose record the host waits for, until it is told, and when to look
+    /// whether the controller shows it.
+    asked_fault: Option<(u8, Instant)>,
 }
 
 impl Extension {
     pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
-        Self {
-            settings,
-            boot,
-            booted: now,
-            boot_faults_cleared: false,
-            owed: Deque::new(),
-            upkeep: None,
-        }
+        Self { settings, boot, booted: now, owed: Deque::new(), upkeep: None, asked_fault: None }
     }
 
     /// The settings in force.
@@ -95,7 +99,28 @@ impl Extension {
 
     /// The answer that has waited longest; it counts as given.
     pub(super) fn next(&mut self) -> Option<Owed> {
-        self.owed.pop_front()
+        let owed = self.owed.pop_front();
+        if matches!(owed, Some(Owed::Fault(_))) {
+            self.asked_fault = None;
+        }
+        owed
+    }
+
+    /// When to [`look`](Self::look) at a snapshot.
+    pub(super) fn looks_at(&self) -> Option<Instant> {
+        let is_waiting = |owed: &Owed| matches!(owed, Owed::Fault(_));
+        let (_, at) = self.asked_fault?;
+        (!self.owed.iter().any(is_waiting)).then_some(at)
+    }
+
+    /// What a snapshot has an answer to.
+    pub(super) fn look(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Owed> {
+        if self.looks_at()? > now {
+            return None;
+        }
+        let (place, at) = self.asked_fault.as_mut()?;
+        *at = now.saturating_add(RECORD_SHOWN);
+        (snapshot.shown_fault.place == *place).then_some(Owed::Fault(*place))
     }
 
     /// Notes an answer; whether there was room for it.
@@ -105,7 +130,11 @@ impl Extension {
 
     /// Carries out a request for anything but health, which is a stream: what is to be answered,
     /// if it is known yet, and what is asked of the board.
-    pub(super) fn respond(&mut self, request: Asked<'_>) -> (Option<Owed>, Option<Request>) {
+    pub(super) fn respond(
+        &mut self,
+        request: Asked<'_>,
+        now: Instant,
+    ) -> (Option<Owed>, Option<Request>) {
         match request {
             Asked::Setting(number) if self.settings.describe(number).is_none() => {
                 let asked = number.to_le_bytes();
@@ -116,7 +145,14 @@ impl Extension {
             Asked::Setting(number) => (Some(Owed::Setting(number)), None),
             Asked::Identity => (Some(Owed::Identity), None),
             Asked::Counters => (Some(Owed::Counters), None),
-            Asked::Fault(place) => (Some(Owed::Fault(place)), None),
+            Asked::Fault(place) if self.asked_fault.is_some() => {
+                let outcome = Outcome::of(extension::did::FAULT, &[place], Verdict::Busy);
+                (Some(Owed::Outcome(outcome)), None)
+            }
+            Asked::Fault(place) => {
+                self.asked_fault = Some((place, now.saturating_add(RECORD_SHOWN)));
+                (None, Some(Request::Control(Command::ShowFault(place))))
+            }
             Asked::Health(_) => (None, None),
             Asked::Set(assignments) => self.set(assignments),
             Asked::Do(action) => self.act(action),
@@ -151,8 +187,9 @@ impl Extension {
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
         let upkeep = match action {
             Action::ClearFaults => {
-                self.boot_faults_cleared = true;
-                return (Some(Owed::Outcome(Outcome::of_action(action, Verdict::Done))), None);
+                let outcome = Outcome::of_action(action, Verdict::Done);
+                let clear = Request::Control(Command::ClearFaults(Scope::All));
+                return (Some(Owed::Outcome(outcome)), Some(clear));
             }
             _ if self.upkeep.is_some() => {
                 return (Some(Owed::Outcome(Outcome::of_action(action, Verdict::Busy))), None);
@@ -202,12 +239,8 @@ impl Extension {
             }),
             Owed::Counters => Answer::Counters(counters(link, snapshot)),
             Owed::Fault(place) => {
-                let faults = self.faults(snapshot);
-                Answer::Fault(Latched {
-                    place,
-                    total: faults.len() as u8, // FAULTS at the most
-                    record: faults.get(usize::from(place)).copied(),
-                })
+                let ShownFault { total, record, .. } = snapshot.shown_fault;
+                Answer::Fault(Latched { place, total, record })
             }
             Owed::Outcome(outcome) => Answer::Outcome(outcome),
         })
@@ -219,24 +252,8 @@ impl Extension {
             uptime_ms: (now - self.booted).as_millis() as u32, // wraps, as documented
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
-            faults: self.faults(snapshot).len() as u8, // FAULTS at the most
+            faults: snapshot.faults.count() as u8, // 35 at the most
         })
-    }
-
-    /// The latched faults: those of the start, and what the controller knows.
-    fn faults(&self, snapshot: &Snapshot) -> Vec<FaultRecord, FAULTS> {
-        let record = |fault| FaultRecord { fault, channel: None, uptime_ms: 0, values: [0; 3] };
-        let is_corrupt = self.boot.settings == Origin::Corrupt && !self.boot_faults_cleared;
-        let was_watchdog = self.boot.reset == ResetCause::Watchdog && !self.boot_faults_cleared;
-        [
-            (is_corrupt, Fault::SettingsCorrupt),
-            (was_watchdog, Fault::WatchdogReset),
-            (snapshot.link_loss, Fault::LinkLoss),
-        ]
-        .into_iter()
-        .filter(|(is_latched, _)| *is_latched)
-        .map(|(_, fault)| record(fault))
-        .collect()
     }
 }
 

@@ -162,8 +162,15 @@ impl Session for Pms5005 {
         None
     }
 
+    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
+        let answer = self.answers.extension.look(now, snapshot);
+        self.answers.settle(answer);
+        None
+    }
+
     fn wakes_at(&self) -> Option<Instant> {
-        self.receiver.gives_up_at()
+        let looks_at = self.answers.extension.looks_at();
+        self.receiver.gives_up_at().into_iter().chain(looks_at).min()
     }
 
     fn transmit<'b>(
@@ -363,7 +370,7 @@ impl Answers {
                 None
             }
             wire::Command::Extension(request) => {
-                let (answer, request) = self.extension.respond(request);
+                let (answer, request) = self.extension.respond(request, now);
                 self.settle(answer);
                 self.hasten(now);
                 request

@@ -32,7 +32,7 @@ use firmware::controller::Controller;
 use firmware::personality::pms5005::{Boot, LinkCounters, Pms5005};
 use firmware::settings::Settings;
 use hal_mock::plant::{Plant, Scene};
-use hal_mock::tasks::{self, Channels};
+use hal_mock::tasks::{self, Channels, Watchdog};
 use static_cell::StaticCell;
 use uart::{HOST, Line, TRACE};
 
@@ -68,7 +68,8 @@ fn main() -> ! {
 
     let line = Line::default();
     let (mut rx, mut tx) = line.board_end();
-    let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels);
+    let watchdog = Watchdog::new(); // which nobody waits for to bite
+    let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels, &watchdog);
     let mut board = pin!(async {
         join(all, app::no_upkeep(channels)).await;
     });

@@ -3,12 +3,14 @@
 use std::fmt::Write;
 
 use embassy_time::Instant;
+use firmware::controller::Snapshot;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::flash::Flash;
 use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
-use protocol::pms5005::Receiver;
+use protocol::pms5005::extension::Fault;
+use protocol::pms5005::{Channel, Receiver};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -138,7 +140,7 @@ struct State {
     gpio_out: u8,
     lcd: String,
     link: LinkState,
-    faults: Vec<&'static str>,
+    faults: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -218,9 +220,26 @@ impl State {
                 answers_sent: link.answers_sent,
                 answers_dropped: link.answers_dropped,
             },
-            faults: if snapshot.link_loss { vec!["link_loss"] } else { Vec::new() },
+            faults: faults(&snapshot),
         }
     }
+}
+
+/// What is latched (`stall 0` is channel 0's), and `link_loss` for as long as it holds.
+fn faults(snapshot: &Snapshot) -> Vec<String> {
+    let name = |(fault, channel): (Fault, Option<Channel>)| {
+        let mut name = String::new();
+        for letter in format!("{fault:?}").chars() {
+            if letter.is_uppercase() && !name.is_empty() {
+                name.push('_');
+            }
+            name.push(letter.to_ascii_lowercase());
+        }
+        channel.map_or(name.clone(), |channel| format!("{name} {}", channel.number()))
+    };
+    let link_loss = snapshot.link_loss.then(|| "link_loss".to_owned());
+    let latched = snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss);
+    link_loss.into_iter().chain(latched.map(name)).collect()
 }
 
 /// The overrides with some of them changed; an error names the key, and nothing is changed.
@@ -230,6 +249,7 @@ fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides
     for (key, value) in changes {
         match key.as_str() {
             "pot" => new.potentiometers = numbers(key, value, AD)?,
+            "encoder" => new.encoders = numbers(key, value, u16::MAX.into())?,
             "motor_current" => new.currents = numbers(key, value, AD)?,
             "custom_ad" => new.custom_ad = numbers(key, value, AD)?,
             "human" => new.human = numbers(key, value, AD)?,

@@ -1,0 +1,120 @@
+//! Roll call: the controller's tasks watch each other, and one that hangs takes the board down.
+//!
+//! Control calls the roll every period, on its own executor above the others, and drives nothing
+//! any more when one of them has been silent for `LONGEST_SILENCE`. Supervision, in the thread,
+//! sees whether control still calls; if not, it makes the board safe in its place. Whoever has hung
+//! once is not trusted again: the watchdog is fed no more.
+//!
+//! | hangs | outputs are off | by |
+//! |---|---|---|
+//! | a task but control, or its executor | within 91 ms | control |
+//! | control, waiting for what never comes | within 80 ms | supervision |
+//! | control, in a loop without end | when the watchdog resets the board | the watchdog |
+//!
+//! The reset comes [`WATCHDOG_PERIOD`](super::WATCHDOG_PERIOD) after the watchdog was fed last, and
+//! that is before the outputs went off: within 500 ms.
+
+use core::cell::Cell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_time::{Duration, Timer};
+
+/// Who must answer, beside control.
+#[derive(Clone, Copy)]
+pub(super) enum Task {
+    Sensors,
+    Display,
+    Receive,
+    Transmit,
+    Supervision,
+}
+
+const TASKS: usize = 5;
+
+/// Control periods that a task may be silent: a check-in period (50 ms) and the longest turn of
+/// work, a ranger's of 40 ms.
+const LONGEST_SILENCE: u8 = 90;
+/// What stands in place of a silence before a task has answered for the first time: some need
+/// longer to begin. One that never does lets the watchdog starve.
+const NOT_BEGUN: u8 = u8::MAX;
+/// Supervision looks so often, and finds control dead after twice as long at the most.
+const LOOK_PERIOD: Duration = Duration::from_millis(40);
+
+/// Who has answered when control called the roll.
+pub struct Roll<M: RawMutex>(Mutex<M, Cell<State>>);
+
+#[derive(Clone, Copy)]
+struct State {
+    /// Control periods since each has answered.
+    silence: [u8; TASKS],
+    /// Control has called since supervision looked.
+    called: bool,
+    has_hung: bool,
+}
+
+impl<M: RawMutex> Roll<M> {
+    pub(super) const fn new() -> Self {
+        let silence = [NOT_BEGUN; TASKS];
+        Self(Mutex::new(Cell::new(State { silence, called: false, has_hung: false })))
+    }
+
+    fn change<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
+        self.0.lock(|cell| {
+            let mut state = cell.get();
+            let result = change(&mut state);
+            cell.set(state);
+            result
+        })
+    }
+
+    /// A task answers.
+    pub(super) fn answer(&self, task: Task) {
+        self.change(|state| {
+            if let Some(silence) = state.silence.get_mut(task as usize) {
+                *silence = 0;
+            }
+        });
+    }
+
+    /// Control calls, once a period: whether anything may be driven.
+    pub(super) fn call(&self) -> bool {
+        self.change(|state| {
+            state.called = true;
+            for silence in state.silence.iter_mut().filter(|silence| **silence != NOT_BEGUN) {
+                if *silence < LONGEST_SILENCE {
+                    *silence += 1;
+                } else {
+                    state.has_hung = true;
+                }
+            }
+            !state.has_hung
+        })
+    }
+
+    /// Supervision looks: whether control is alive, and whether all are.
+    fn look(&self) -> (bool, bool) {
+        self.change(|state| {
+            let called = core::mem::take(&mut state.called);
+            let all_begun = !state.silence.contains(&NOT_BEGUN);
+            // Before the first look control may not have begun.
+            state.has_hung |= !called && all_begun;
+            (called || !all_begun, called && all_begun && !state.has_hung)
+        })
+    }
+
+    /// Calls `feed` as long as nobody has hung, and `make_safe` when control has.
+    pub(super) async fn supervise(&self, mut feed: impl FnMut(), mut make_safe: impl FnMut()) -> ! {
+        loop {
+            self.answer(Task::Supervision);
+            Timer::after(LOOK_PERIOD).await;
+            let (control_is_alive, all_are) = self.look();
+            if !control_is_alive {
+                make_safe();
+            }
+            if all_are {
+                feed();
+            }
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! The monitor of one DC channel: current, motion, sensor, set-point; and its soft limits.
+//!
+//! Vocabulary: a channel is *driven* at half of full drive or more. Its shaft *stands still* as
+//! long as it stays within 8 counts of where it was found. A still shaft that draws the
+//! current of one that is held fast is *stalled*; one that does not may be running away behind a
+//! sensor that is not there, and that is sooner over. Times are control periods.
+//!
+//! What it costs: a few comparisons a period while the bridge is on, nothing while it is off.
+
+use fixed::types::I32F32;
+use protocol::pms5005::extension::Fault;
+use protocol::pms5005::{Method, Sensor};
+
+use crate::control::axis::{Reading, scale};
+use crate::control::pid::Limits;
+use crate::settings::{ChannelFaultSettings, SoftLimits};
+use crate::units::{Counts, CountsPerSecond, Duty};
+
+/// Less is noise: of a converter, or of an encoder that stands on an edge.
+const STILL: Counts = Counts::const_from_int(8);
+/// How near to an end of its track a potentiometer is at the rail.
+const RAIL: Counts = Counts::const_from_int(8);
+const LAST_COUNT: Counts = Counts::const_from_int(4095);
+/// How long a jump must last: one bad reading is no lost sensor.
+const JUMP_LASTS: u8 = 20;
+/// A shaft that moves away from its set-point does so faster than this.
+const AWAY: CountsPerSecond = CountsPerSecond::const_from_int(64);
+/// A loop hunts for so long after it has reversed its drive. One that goes on a move does so once
+/// or twice; more than seven times a second add up.
+const HUNTS: u8 = 100;
+/// What over-current takes from the drive a period, all of it within 128, and what is given back
+/// when it is over, within a second.
+const LIMIT_STEP: u16 = 128;
+const RELEASE_STEP: u16 = 16;
+const FULL: u16 = Duty::FULL.unsigned_abs();
+
+/// What a period of a channel looks like, whose bridge is on.
+#[derive(Clone, Copy, Debug)]
+pub struct Observed {
+    /// Motor current, A/D counts.
+    pub current: u16,
+    /// What the bridge does.
+    pub duty: Duty,
+    /// The sensor in use, and what it says.
+    pub sensor: Sensor,
+    /// Position and velocity.
+    pub reading: Reading,
+    /// What the loop is for; PWM is none.
+    pub method: Method,
+    /// The set-point less what is measured, in the method's unit.
+    pub error: Counts,
+    /// Whether the sensor was chosen for this channel; else nobody has said that there is one.
+    pub sensor_is_chosen: bool,
+    /// The channel has another sensor than the one in use, and that one turns.
+    pub turns_elsewhere: bool,
+}
+
+/// A fault, and the values of [`Fault::values`].
+pub type Tripped = (Fault, [i16; 3]);
+
+/// The monitor's memory. The default is that of a channel that is off.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ChannelMonitor {
+    /// What over-current takes from the drive, in 1/16384 of full drive, and for how long already.
+    reduction: u16,
+    limited: u16,
+    /// Where the shaft was found, and how long it has stood still there, held fast or not.
+    found: Option<Counts>,
+    stalled: u16,
+    silent: u16,
+    /// Up by two for a period that leads away from the set-point or in which the loop hunts, down
+    /// by one for any other.
+    astray: u16,
+    /// Which way the loop last pushed, and for how long it still hunts.
+    pushed_forward: Option<bool>,
+    hunts: u8,
+    /// The last position that the one before can have led to, and the periods since.
+    plausible: Counts,
+    jumped: u8,
+}
+
+impl ChannelMonitor {
+    /// Narrows the drive that is allowed by what over-current takes.
+    pub fn limit(&self, limits: &mut Limits) {
+        if self.reduction > 0 {
+            let most = I32F32::from_bits(i64::from(FULL.saturating_sub(self.reduction)) << 18);
+            limits.high = limits.high.min(most);
+            limits.low = limits.low.max(most.saturating_neg());
+        }
+    }
+
+    /// One period of a channel that is on: what has tripped, if anything.
+    pub fn step(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> Option<Tripped> {
+        let values = |first| [first, now.duty.raw(), word(now.reading.position)];
+        let current = i16::try_from(now.current).unwrap_or(i16::MAX);
+        if self.is_over_current(now, settings) {
+            return Some((Fault::OverCurrent, values(current)));
+        }
+        let is_closed = now.method != Method::Pwm;
+        if !is_closed && !now.sensor_is_chosen {
+            // Nobody has said that anything measures this shaft.
+            return None;
+        }
+        if is_closed && self.has_jumped(now, settings) {
+            let lost = [word(now.reading.position), now.duty.raw(), word(self.plausible)];
+            return Some((Fault::SensorLost, lost));
+        }
+        let is_driven = now.duty.raw().unsigned_abs() >= settings.driven;
+        self.stand_still(now, is_driven, settings);
+        if reached(self.stalled, settings.stall_ms) {
+            return Some((Fault::Stall, values(current)));
+        }
+        let bearable = match is_at_rail(now) {
+            true => settings.rail_ms,
+            false => settings.sensor_ms,
+        };
+        if is_closed && reached(self.silent, bearable) {
+            let position = word(now.reading.position);
+            return Some((Fault::SensorLost, [position, now.duty.raw(), position]));
+        }
+        if is_closed && self.is_astray(now, settings) {
+            return Some((Fault::TrackingError, values(word(now.error))));
+        }
+        None
+    }
+
+    fn is_over_current(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> bool {
+        if settings.over_current > 0 && now.current >= settings.over_current {
+            self.reduction = self.reduction.saturating_add(LIMIT_STEP).min(FULL);
+        } else {
+            self.reduction = self.reduction.saturating_sub(RELEASE_STEP);
+        }
+        self.limited = if self.reduction > 0 { self.limited.saturating_add(1) } else { 0 };
+        reached(self.limited, settings.over_current_ms)
+    }
+
+    fn has_jumped(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> bool {
+        let position = now.reading.position;
+        let known = self.found.is_some();
+        let way = scale(now.sensor).difference(position, self.plausible).saturating_abs();
+        let jump = Counts::saturating_from_num(settings.jump);
+        if known && now.sensor != Sensor::Encoder && settings.jump > 0 && way >= jump {
+            self.jumped = self.jumped.saturating_add(1);
+        } else {
+            self.jumped = 0;
+            self.plausible = position;
+        }
+        self.jumped >= JUMP_LASTS
+    }
+
+    fn stand_still(&mut self, now: &Observed, is_driven: bool, settings: &ChannelFaultSettings) {
+        let position = now.reading.position;
+        let found = *self.found.get_or_insert(position);
+        if scale(now.sensor).difference(position, found).saturating_abs() > STILL {
+            self.found = Some(position);
+            (self.stalled, self.silent) = (0, 0);
+        } else if is_driven || now.turns_elsewhere {
+            // The current of a shaft that is held fast is proportional to the drive.
+            let of_full_drive = u32::from(now.current) << 14;
+            let held = u32::from(settings.stall_current)
+                .saturating_mul(now.duty.raw().unsigned_abs().into());
+            if of_full_drive >= held && !now.turns_elsewhere {
+                self.stalled = self.stalled.saturating_add(1);
+                self.silent = 0;
+            } else {
+                self.silent = self.silent.saturating_add(1);
+            }
+        } else {
+            (self.stalled, self.silent) = (0, 0);
+        }
+    }
+
+    fn is_astray(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> bool {
+        let most = Counts::saturating_from_num(match now.method {
+            Method::Position => settings.tracking_position,
+            Method::Velocity | Method::Pwm => settings.tracking_velocity,
+        });
+        let velocity = now.reading.velocity;
+        let is_away = (now.error > most && velocity < AWAY.saturating_neg())
+            || (now.error < most.saturating_neg() && velocity > AWAY);
+        self.hunts = self.hunts.saturating_sub(1);
+        let pushes = now.duty.raw().unsigned_abs() >= settings.driven >> 1;
+        if pushes {
+            let forward = now.duty.raw() > 0;
+            if self.pushed_forward == Some(!forward) {
+                self.hunts = HUNTS;
+            }
+            self.pushed_forward = Some(forward);
+        }
+        self.astray = if (pushes && is_away) || self.hunts > 0 {
+            self.astray.saturating_add(2)
+        } else {
+            self.astray.saturating_sub(1)
+        };
+        reached(self.astray, settings.tracking_ms.saturating_mul(2))
+    }
+}
+
+/// Whether a counter has reached its setting; 0 is never.
+fn reached(count: u16, setting: u16) -> bool {
+    setting > 0 && count >= setting
+}
+
+/// Whether the one potentiometer of a channel is at an end of its track, or its wire is off.
+fn is_at_rail(now: &Observed) -> bool {
+    let position = now.reading.position;
+    now.sensor == Sensor::SinglePotentiometer
+        && (position <= RAIL || position >= LAST_COUNT.saturating_sub(RAIL))
+}
+
+/// Whole counts for a record.
+fn word(counts: Counts) -> i16 {
+    counts.saturating_to_num()
+}
+
+/// Narrows the drive that is allowed where the shaft is at one of its soft limits or beyond: it
+/// may come back.
+pub fn hold_within(soft: &SoftLimits, now: Reading, sensor: Sensor, limits: &mut Limits) {
+    if !soft.are_set() {
+        return;
+    }
+    let (low, high) = (Counts::from_num(soft.low), Counts::from_num(soft.high));
+    let span: Counts = high.saturating_sub(low);
+    let (half, middle): (Counts, Counts) =
+        (span.wrapping_shr(1), low.saturating_add(span.wrapping_shr(1)));
+    let off = scale(sensor).difference(now.position, middle);
+    if off >= half {
+        limits.high = I32F32::ZERO;
+    }
+    if off <= half.saturating_neg() {
+        limits.low = I32F32::ZERO;
+    }
+}

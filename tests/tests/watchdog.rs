@@ -1,0 +1,172 @@
+//! Tasks that hang, one after the other: nothing is driven any more within 100 ms, and the board
+//! starts again within 500 ms. And a line that loses bytes.
+
+use std::cell::Cell;
+use std::future::pending;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::{Wake, Waker};
+
+use embassy_futures::join::join3;
+use embassy_time::Instant;
+use embedded_io_async::{ErrorKind, ErrorType, Read};
+use firmware::app;
+use firmware::controller::Controller;
+use firmware::personality::pms5005::{Boot, Pms5005};
+use firmware::ports::{MotionInputs, MotionPort, Outputs};
+use firmware::settings::Settings;
+use hal_mock::board::VirtualBoard;
+use hal_mock::tasks::{self, Task};
+use hal_mock::wire::Line;
+use protocol::pms5005::extension::Fault;
+use protocol::pms5005::{Channel, Quantity};
+use tests::Bench;
+
+/// A bench that drives everything, `phase` ms after it was switched on.
+fn driving(phase: u64) -> Bench {
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+    bench.drive(Quantity::Velocity, 1, 3000, 0);
+    bench.drive(Quantity::Servo, 3, 2000, 0);
+    bench.run_ms(500 + phase);
+    bench
+}
+
+fn is_off(bench: &Bench) -> bool {
+    bench.board.plant.borrow().outputs.are_off()
+}
+
+fn latched(bench: &Bench) -> Vec<Fault> {
+    bench.board.snapshot().faults.iter().map(|(fault, _)| fault).collect()
+}
+
+#[test]
+fn a_task_that_hangs_switches_everything_off_within_100_ms_and_restarts_the_board_within_500() {
+    use Task::{Control, Display, Link, Sensors, Supervision};
+    for task in [Control, Sensors, Display, Link, Supervision] {
+        let (mut soonest_off, mut latest_off) = (u64::MAX, 0);
+        let (mut soonest_reset, mut latest_reset) = (u64::MAX, 0);
+        for phase in 0..60 {
+            let mut bench = driving(phase);
+            bench.board.watchdog.hung.set(Some(task));
+            let (mut off, mut reset) = (None, None);
+            for ms in 1..=1000 {
+                bench.run_ms(1);
+                off = off.or(is_off(&bench).then_some(ms));
+                assert!(off.is_none() || is_off(&bench), "{task:?}: on again after {ms} ms");
+                if reset.is_none() && latched(&bench) == [Fault::WatchdogReset] {
+                    reset = Some(ms);
+                }
+            }
+            let (off, reset) = (off.expect("off"), reset.expect("a reset"));
+            (soonest_off, latest_off) = (soonest_off.min(off), latest_off.max(off));
+            (soonest_reset, latest_reset) = (soonest_reset.min(reset), latest_reset.max(reset));
+            // It is as after any start: a command moves it again.
+            bench.drive(Quantity::Pwm, 0, 16384 + 4000, 0);
+            bench.run_alive_ms(1000);
+            assert_eq!(bench.bridge(0), (4000, true));
+            assert_eq!(latched(&bench), [Fault::WatchdogReset]);
+        }
+        println!(
+            "{task:?}: off after {soonest_off} to {latest_off} ms, reset after {soonest_reset} to {latest_reset} ms"
+        );
+        assert!(soonest_off >= 35 && latest_off <= 100, "{task:?}");
+        assert!(soonest_reset >= 350 && latest_reset <= 500, "{task:?}");
+    }
+}
+
+#[test]
+fn a_task_that_comes_back_does_not_set_anything_in_motion_again() {
+    for task in [Task::Control, Task::Sensors, Task::Display, Task::Link] {
+        let mut bench = driving(0);
+        bench.board.watchdog.hung.set(Some(task));
+        bench.run_ms(110);
+        assert!(is_off(&bench));
+        bench.board.watchdog.hung.set(None);
+        // The tasks have to be polled for it.
+        bench.board.line.host_sends(&[0]);
+        for _ in 0..600 {
+            bench.run_ms(1);
+            assert!(is_off(&bench), "{task:?}");
+        }
+        assert_eq!(latched(&bench), [Fault::WatchdogReset], "it was not trusted again: {task:?}");
+    }
+}
+
+#[test]
+fn tasks_that_are_busy_but_alive_let_nothing_starve() {
+    let mut bench = driving(0);
+    for task in [Task::Control, Task::Sensors, Task::Display, Task::Link, Task::Supervision] {
+        for _ in 0..10 {
+            bench.board.watchdog.hung.set(Some(task));
+            bench.run_ms(if task == Task::Supervision { 45 } else { 35 });
+            bench.board.watchdog.hung.set(None);
+            bench.board.line.host_sends(&[0]);
+            bench.run_alive_ms(200);
+            assert_eq!(bench.bridge(0), (8000, true), "{task:?}");
+        }
+    }
+    assert_eq!(latched(&bench), []);
+}
+
+struct Still;
+
+impl MotionPort for Still {
+    fn sample(&mut self) -> MotionInputs {
+        MotionInputs::default()
+    }
+
+    fn drive(&mut self, _outputs: &Outputs) {}
+}
+
+/// A line that has lost bytes once, and is silent otherwise.
+struct Overrun(Cell<bool>);
+
+impl ErrorType for Overrun {
+    type Error = ErrorKind;
+}
+
+impl Read for Overrun {
+    async fn read(&mut self, _buffer: &mut [u8]) -> Result<usize, ErrorKind> {
+        match self.0.take() {
+            true => Err(ErrorKind::Other),
+            false => pending().await,
+        }
+    }
+}
+
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+#[test]
+fn bytes_that_the_line_has_lost_are_on_record_and_stop_nothing() {
+    for (loses, on_record) in [(true, vec![Fault::ReceiveOverrun]), (false, vec![])] {
+        let _clock = VirtualBoard::default(); // sets the clock to zero
+        let channels = tasks::Channels::new();
+        let mut controller = Controller::new(Settings::DEFAULT.control);
+        let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now());
+        let (_, mut tx) = Line::new(115_200).board_end();
+        let mut rx = Overrun(Cell::new(loses));
+        let tasks = pin!(async {
+            join3(
+                app::control(&mut Still, &mut controller, &channels),
+                app::link(&mut rx, &mut tx, &mut session, &channels),
+                app::supervise(|| {}, || {}, &channels),
+            )
+            .await;
+        });
+        let woken = Arc::new(Woken(AtomicBool::new(true)));
+        let waker = Waker::from(woken.clone());
+        tasks::run_until(tasks, &waker, &woken.0, Instant::from_millis(100));
+        let snapshot = channels.snapshot.get();
+        let faults: Vec<_> = snapshot.faults.iter().map(|(fault, _)| fault).collect();
+        assert_eq!(faults, on_record);
+        assert!(Channel::ALL.iter().all(|&channel| !snapshot.faults.stops_motor(channel)));
+    }
+}
