@@ -59,7 +59,13 @@ fn piece() -> impl Strategy<Value = Vec<u8>> {
 }
 
 fn any_goal() -> impl Strategy<Value = Goal> {
-    any::<[u8; Goal::BYTES]>().prop_map(Goal::parse)
+    let registers = (0..=1u8, 0..=1u8, [0..=254u8, 0..=254], [1..=254u8, 1..=254]);
+    let words = (0..=1023u16, 0..=2047u16, 0..=1023u16, 0..=1u8, 0..=1023u16);
+    (registers, words).prop_map(
+        |((torque_enable, led, margin, slope), (position, speed, torque_limit, lock, punch))| {
+            Goal { torque_enable, led, margin, slope, position, speed, torque_limit, lock, punch }
+        },
+    )
 }
 
 fn feedback() -> impl Strategy<Value = Option<Feedback>> {

@@ -74,6 +74,22 @@ fn goals_for_another_number_of_servos_change_nothing_and_are_counted() {
 }
 
 #[test]
+fn a_goal_that_no_servo_takes_changes_nothing_and_does_not_keep_it_from_stopping() {
+    let mut bench = Bench::new(servos([1]));
+    bench.run_ms(1000);
+    bench.answer(1, &[limits(0, 0)]);
+    bench.agreed = 1;
+    bench.run_ms(200);
+    bench.run_alive_ms(500, goal(512));
+    bench.send_goal(Goal { slope: [0, 0], ..goal(0) });
+    bench.run_ms(50);
+    assert_eq!((bench.goal_of(0), bench.register(0, Register::MOVING)), (goal(512), 1));
+    assert_eq!(bench.board.bridge().counters().pc.refused, 1);
+    bench.run_ms(1500);
+    assert_eq!(bench.register(0, Register::MOVING), 0);
+}
+
+#[test]
 fn a_report_a_cycle_tells_the_registers_36_to_43_of_each_servo() {
     let mut bench = three();
     bench.board.bus.bus().servo(1).surroundings.temperature_c = 44;
