@@ -166,20 +166,14 @@ impl Pc {
     pub fn take_goals(&mut self, roster: &mut Roster, now: Instant) {
         let timeout = Duration::from_millis(self.settings.pc_timeout_ms.into());
         let silent = timeout.as_ticks() > 0 && self.heard.is_some_and(|at| now - at >= timeout);
-        let falls_silent = silent && !self.silent;
-        if falls_silent {
+        if silent && !self.silent {
             self.silent = true;
             self.hello_at = now;
             count(&mut self.counters.silences, 1);
         }
         for servo in roster.iter_mut() {
-            if let Some(mut goal) = servo.ordered.take() {
-                if !self.settings.pass_lock {
-                    goal.lock = 0;
-                }
-                servo.goal = Some(goal);
-            }
-            if falls_silent {
+            servo.take_order(self.settings.pass_lock);
+            if silent {
                 servo.rest(self.settings.on_silence == OnSilence::TorqueOff);
             }
         }

@@ -7,6 +7,12 @@
 //! in a row is *missing*: it is left out of the cycle, and checked every [`PROBE_PERIOD`]. When it
 //! answers it may have lost its power, or be another one with the same ID; the check takes care of
 //! both.
+//!
+//! Limits that are both 0 make a servo turn *endlessly*, and then its speed means something else: 0
+//! stops it, while in a joint it is the greatest there is. So its torque is switched off, and seen
+//! to be off, before it is written from one mode to the other. What the bridge does with its motor
+//! is its [`Drive`], and there is one rule: **a servo is driven only by a goal that is newer than
+//! whatever made the last one unsafe**.
 
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Feedback, Goal, Limits};
@@ -51,12 +57,60 @@ pub enum Stage {
         /// 1 to 4.
         count: u8,
     },
+    /// To switch its torque off: what is to be written next makes a joint a wheel, or the reverse.
+    Release,
+    /// Its torque enable, to see whether that was done.
+    Confirm,
     /// Its present state, every cycle.
     Work,
 }
 
+/// What the bridge does with a servo's motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Drive {
+    /// It is left as it is: nothing is sent.
+    Untouched,
+    /// Its torque is switched off, again every cycle.
+    Off,
+    /// It is sent this goal every cycle.
+    Goal(Goal),
+}
+
 /// Return delay and limits, as the registers 5 to 9 hold them.
-pub type Setup = [u8; 5];
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Setup([u8; 5]);
+
+impl Setup {
+    fn new(return_delay: u8, limits: Limits) -> Self {
+        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
+        Self([return_delay, cw_low, cw_high, ccw_low, ccw_high])
+    }
+
+    const fn return_delay(self) -> u8 {
+        self.0[0]
+    }
+
+    fn turns_endlessly(self) -> bool {
+        matches!(self.0, [_, 0, 0, 0, 0])
+    }
+
+    /// What must be written next of `self` to a servo that holds `held`: the first register, and
+    /// how many bytes.
+    fn differs_from(self, held: Self) -> Option<(Register, u8)> {
+        let [delay, c0, c1, w0, w1] = self.0;
+        let [held_delay, held_c0, held_c1, held_w0, held_w1] = held.0;
+        let (cw, ccw) = ([c0, c1] != [held_c0, held_c1], [w0, w1] != [held_w0, held_w1]);
+        match (delay != held_delay, cw, ccw) {
+            (true, ..) => Some((Register::RETURN_DELAY, 1)),
+            // Both at once: with one of them alone the servo might turn endlessly for a while.
+            (_, true, true) => Some((Register::CW_LIMIT, 4)),
+            (_, true, false) => Some((Register::CW_LIMIT, 2)),
+            (_, false, true) => Some((Register::CCW_LIMIT, 2)),
+            (_, false, false) => None,
+        }
+    }
+}
 
 /// What was counted of one servo. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,7 +141,9 @@ pub struct Servo {
     id: Id,
     pub(super) standing: Standing,
     /// What the PC wants of it, once agreed.
-    wanted: Setup,
+    wanted: Option<Setup>,
+    /// What it held when it was last checked.
+    held: Option<Setup>,
     stage: Stage,
     /// Not before this time is it asked again.
     from: Instant,
@@ -95,8 +151,7 @@ pub struct Servo {
     strikes: u8,
     /// The newest goal of the PC, for the next cycle.
     pub(super) ordered: Option<Goal>,
-    /// The goal in force.
-    pub(super) goal: Option<Goal>,
+    drive: Drive,
     feedback: Option<Feedback>,
     counters: ServoCounters,
 }
@@ -106,13 +161,14 @@ impl Servo {
         Self {
             id,
             standing: Standing::Found,
-            wanted: [0; 5],
+            wanted: None,
+            held: None,
             stage: Stage::Check,
             from: Instant::MIN,
             writes_left: 0,
             strikes: 0,
             ordered: None,
-            goal: None,
+            drive: Drive::Untouched,
             feedback: None,
             counters: ServoCounters::default(),
         }
@@ -138,11 +194,6 @@ impl Servo {
         self.strikes >= STRIKES
     }
 
-    /// The goal in force; `None` before the first.
-    pub fn goal(&self) -> Option<Goal> {
-        self.goal
-    }
-
     /// What it told when it was last asked; `None` if it did not answer.
     pub fn feedback(&self) -> Option<Feedback> {
         self.feedback
@@ -153,30 +204,38 @@ impl Servo {
         self.counters
     }
 
-    /// The PC wants it so. Nothing happens if that is how it is already.
+    /// The PC wants it so. Nothing happens if it has wanted that before.
     pub(super) fn agree(&mut self, return_delay: u8, limits: Limits) {
-        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
-        let wanted = [return_delay, cw_low, cw_high, ccw_low, ccw_high];
-        if self.is_agreed() && self.wanted == wanted && self.stage == Stage::Work {
+        let wanted = Setup::new(return_delay, limits);
+        let before = self.wanted.replace(wanted);
+        if self.is_agreed() && before == Some(wanted) {
             return;
         }
+        if before.is_some_and(|before| before.turns_endlessly() != wanted.turns_endlessly()) {
+            // Its goals were meant for the other mode.
+            self.ordered = None;
+            self.drive = Drive::Off;
+        }
         self.standing = Standing::Agreed;
-        self.wanted = wanted;
         self.writes_left = WRITES;
         self.stage = Stage::Check;
         self.feedback = None;
     }
 
+    /// Brings the newest goal into force.
+    pub(super) fn take_order(&mut self, pass_lock: bool) {
+        if let Some(mut goal) = self.ordered.take() {
+            if !pass_lock {
+                goal.lock = 0;
+            }
+            self.drive = Drive::Goal(goal);
+        }
+    }
+
     /// The PC is silent: what turns endlessly stops, and with `torque_off` all torque goes.
     pub(super) fn rest(&mut self, torque_off: bool) {
-        let endless = self.wanted.get(1..) == Some(&[0; 4]);
-        if let Some(goal) = &mut self.goal {
-            if torque_off {
-                goal.torque_enable = 0;
-            }
-            if endless {
-                goal.speed = 0;
-            }
+        if torque_off || self.turns_endlessly() {
+            self.drive = Drive::Off;
         }
     }
 
@@ -185,9 +244,16 @@ impl Servo {
         self.is_agreed() && now >= self.from
     }
 
-    /// Whether it may be sent its goal: not before its limits hold.
-    pub(super) fn is_driven(&self) -> bool {
-        self.is_agreed() && self.stage == Stage::Work && self.goal.is_some()
+    /// What it is to be sent now. No goal before its limits hold.
+    pub(super) fn drive(&self) -> Drive {
+        match self.drive {
+            Drive::Goal(_) if self.stage != Stage::Work => Drive::Untouched,
+            drive => drive,
+        }
+    }
+
+    fn turns_endlessly(&self) -> bool {
+        self.held.is_some_and(Setup::turns_endlessly)
     }
 
     /// The request that is due, how many bytes answer it, and when they come.
@@ -195,21 +261,20 @@ impl Servo {
         &self,
         out: &'b mut [u8],
     ) -> (Result<&'b mut [u8], EncodeError>, usize, Patience) {
+        const TORQUE_ENABLE: u8 = Register::TORQUE_ENABLE.address;
+        let read = |address, count| Instruction::Read { address, count };
+        let write = |address, data| Instruction::Write { address, data };
         let (instruction, data, patience) = match self.stage {
-            Stage::Check => (
-                Instruction::Read { address: Register::RETURN_DELAY.address, count: 5 },
-                self.wanted.len(),
-                Patience::Unknown,
-            ),
-            Stage::Write { address, count } => (
-                Instruction::Write { address, data: self.part_of_wanted(address, count) },
-                0,
-                Patience::Unknown,
-            ),
+            Stage::Check => (read(Register::RETURN_DELAY.address, 5), 5, Patience::Unknown),
+            Stage::Write { address, count } => {
+                (write(address, self.part_of_wanted(address, count)), 0, Patience::Unknown)
+            }
+            Stage::Release => (write(TORQUE_ENABLE, &[0]), 0, Patience::Unknown),
+            Stage::Confirm => (read(TORQUE_ENABLE, 1), 1, Patience::Unknown),
             Stage::Work => (
-                Instruction::Read { address: Register::PRESENT_POSITION.address, count: 8 },
+                read(Register::PRESENT_POSITION.address, 8),
                 Feedback::BYTES,
-                Patience::Known(self.wanted[0]),
+                self.wanted.map_or(Patience::Unknown, |w| Patience::Known(w.return_delay())),
             ),
         };
         (instruction.encode(self.id, out), data, patience)
@@ -217,7 +282,8 @@ impl Servo {
 
     fn part_of_wanted(&self, address: u8, count: u8) -> &[u8] {
         let begin = usize::from(address.saturating_sub(Register::RETURN_DELAY.address));
-        self.wanted.get(begin..begin + usize::from(count)).unwrap_or_default()
+        let wanted = self.wanted.as_ref().map_or(&[][..], |wanted| &wanted.0);
+        wanted.get(begin..begin + usize::from(count)).unwrap_or_default()
     }
 
     /// Takes what came of the request of stage `asked`. Answers whether the servo is back after it
@@ -234,6 +300,11 @@ impl Servo {
                 self.stage = Stage::Check;
                 false
             }
+            // So does the reading.
+            (Stage::Release, _) if self.stage == Stage::Release => {
+                self.stage = Stage::Confirm;
+                false
+            }
             // The PC has asked for another setup meanwhile, and this does not tell of it.
             _ if asked != self.stage => false,
             (stage, Outcome::Answered(answer)) => {
@@ -241,6 +312,8 @@ impl Servo {
                 self.strikes = 0;
                 match stage {
                     Stage::Work => self.feedback = Some(Feedback::parse(answer.data)),
+                    Stage::Confirm if answer.data[0] == 0 => self.write_what_differs(now),
+                    Stage::Confirm => self.stage = Stage::Release,
                     _ => self.compare(&answer, now),
                 }
                 if returned {
@@ -286,17 +359,23 @@ impl Servo {
 
     /// Compares what was read with what is wanted, and decides what comes next.
     fn compare(&mut self, answer: &Answer, now: Instant) {
-        let differs = |at: usize| self.wanted.get(at) != answer.data.get(at);
-        let (cw, ccw) = (differs(1) || differs(2), differs(3) || differs(4));
-        let part = match (differs(0), cw, ccw) {
-            (true, ..) => Some((Register::RETURN_DELAY, 1)),
-            // Both at once: with one of them alone the servo might turn endlessly for a while.
-            (_, true, true) => Some((Register::CW_LIMIT, 4)),
-            (_, true, false) => Some((Register::CW_LIMIT, 2)),
-            (_, false, true) => Some((Register::CCW_LIMIT, 2)),
-            (_, false, false) => None,
-        };
-        self.stage = match part {
+        let Some((held, _)) = answer.data.split_first_chunk() else { return };
+        let (held, Some(wanted)) = (Setup(*held), self.wanted) else { return };
+        self.held = Some(held);
+        let limits_differ = wanted
+            .differs_from(held)
+            .is_some_and(|(register, _)| register != Register::RETURN_DELAY);
+        if limits_differ && wanted.turns_endlessly() != held.turns_endlessly() {
+            self.stage = Stage::Release;
+        } else {
+            self.write_what_differs(now);
+        }
+    }
+
+    /// Decides what is to be written, of what differed when it was checked.
+    fn write_what_differs(&mut self, now: Instant) {
+        let (Some(wanted), Some(held)) = (self.wanted, self.held) else { return };
+        self.stage = match wanted.differs_from(held) {
             None => Stage::Work,
             Some((Register { address, .. }, count)) if self.writes_left > 0 => {
                 Stage::Write { address, count }
