@@ -147,7 +147,7 @@ impl Bridge {
         self.search.is_some()
     }
 
-    /// Whether the PC, once heard, is silent for too long.
+    /// Whether the PC is silent for too long; before its first word, since the search was over.
     pub fn pc_is_silent(&self) -> bool {
         self.pc.is_silent()
     }
@@ -247,7 +247,7 @@ impl Bridge {
                 return Some((id, Purpose::Search, Patience::Unknown));
             }
             self.search = None;
-            self.pc.tell_news(now);
+            self.pc.begin(now);
         }
         if now < self.watch.due() || self.roster.is_full() {
             return None;

@@ -2,7 +2,9 @@
 //!
 //! A *hello* is said once a second for as long as there is *news* that the PC has not answered (the
 //! search is over, a servo is new, or one is back), and while the PC is silent, since a PC that
-//! starts again waits for one. A packet is a sign of life only if it was carried out.
+//! starts again waits for one. A packet is a sign of life only if it was carried out. Silence counts
+//! from the end of the search: a bridge that starts again under a robot at work finds servos that
+//! still turn, and maybe nobody who would stop them.
 
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Packet, Refusal, Report};
@@ -48,7 +50,7 @@ pub struct Pc {
     hello_at: Instant,
     said_hello: bool,
     report_due: bool,
-    /// When the PC was last heard.
+    /// When the PC was last heard, or could first have been.
     heard: Option<Instant>,
     silent: bool,
     pub(super) counters: PcCounters,
@@ -68,9 +70,15 @@ impl Pc {
         }
     }
 
-    /// Whether the PC was heard once and is silent for too long.
+    /// Whether the PC is silent for too long.
     pub fn is_silent(&self) -> bool {
         self.silent
+    }
+
+    /// The search is over: from now on the PC can make itself heard.
+    pub fn begin(&mut self, now: Instant) {
+        self.heard = Some(now);
+        self.tell_news(now);
     }
 
     /// The list of servos has changed, or one of them was away: a hello is due.
@@ -168,7 +176,9 @@ impl Pc {
         let silent = timeout.as_ticks() > 0 && self.heard.is_some_and(|at| now - at >= timeout);
         if silent && !self.silent {
             self.silent = true;
-            self.hello_at = now;
+            if !self.news {
+                self.hello_at = now;
+            }
             count(&mut self.counters.silences, 1);
         }
         for servo in roster.iter_mut() {

@@ -239,9 +239,10 @@ impl Servo {
         }
     }
 
-    /// Whether it is to be asked now.
+    /// Whether it is to be asked now: also before the PC has agreed, but only until its limits have
+    /// been read, since silence must stop what was turning endlessly before the bridge began.
     pub(super) fn is_due(&self, now: Instant) -> bool {
-        self.is_agreed() && now >= self.from
+        (self.is_agreed() || self.held.is_none()) && now >= self.from
     }
 
     /// What it is to be sent now. No goal before its limits hold.
@@ -360,8 +361,9 @@ impl Servo {
     /// Compares what was read with what is wanted, and decides what comes next.
     fn compare(&mut self, answer: &Answer, now: Instant) {
         let Some((held, _)) = answer.data.split_first_chunk() else { return };
-        let (held, Some(wanted)) = (Setup(*held), self.wanted) else { return };
+        let held = Setup(*held);
         self.held = Some(held);
+        let Some(wanted) = self.wanted else { return };
         let limits_differ = wanted
             .differs_from(held)
             .is_some_and(|(register, _)| register != Register::RETURN_DELAY);
