@@ -50,6 +50,42 @@ fn a_missing_servo_costs_less_than_half_a_millisecond_a_cycle_from_the_first_sec
 }
 
 #[test]
+fn a_servo_that_hears_but_does_not_answer_is_stopped() {
+    for count in [1, 6] {
+        let mut bench = Bench::new(servos(1..=count));
+        bench.run_ms(1500);
+        // The first turns endlessly, the others are joints.
+        let all: Vec<_> = (0..count).map(|k| limits(0, if k == 0 { 0 } else { 1023 })).collect();
+        bench.answer(1, &all);
+        bench.agreed = all.len();
+        bench.run_ms(300);
+        bench.run_alive_ms(500, goal(512));
+        for servo in 0..all.len() {
+            bench.board.bus.bus().servo(servo).set(Register::STATUS_RETURN_LEVEL, 0);
+        }
+        bench.run_alive_ms(500, goal(512));
+        assert_eq!((bench.goal_of(0).torque_enable, bench.register(0, Register::MOVING)), (0, 0));
+        assert!((1..all.len()).all(|joint| bench.goal_of(joint) == goal(512)), "they hold");
+        bench.run_alive_ms(100, Goal { torque_enable: 0, ..goal(512) });
+        assert!((0..all.len()).all(|servo| bench.goal_of(servo).torque_enable == 0));
+    }
+}
+
+#[test]
+fn what_has_never_answered_a_read_is_stopped_by_silence() {
+    let mut all = servos([1]);
+    all[0].write(Register::CW_LIMIT.address, &[0; 4]).unwrap();
+    all[0].set(Register::TORQUE_ENABLE, 1);
+    all[0].set(Register::MOVING_SPEED, 300);
+    all[0].set(Register::STATUS_RETURN_LEVEL, 0);
+    let mut bench = Bench::new(all);
+    bench.run_ms(1500);
+    assert_eq!(bench.register(0, Register::MOVING), 1);
+    bench.run_ms(300);
+    assert_eq!(bench.register(0, Register::MOVING), 0);
+}
+
+#[test]
 fn a_servo_that_is_back_takes_part_within_five_seconds_and_the_pc_hears_a_hello() {
     let mut bench = walker();
     bench.run_alive_ms(500, goal(600));

@@ -245,16 +245,21 @@ impl Servo {
         (self.is_agreed() || self.held.is_none()) && now >= self.from
     }
 
-    /// What it is to be sent now. No goal before its limits hold.
+    /// What it is to be sent now. No goal before its limits hold, but to stop is always allowed: a
+    /// servo that is not heard may hear. One that turns endlessly is stopped while it is missing,
+    /// since its move has no end.
     pub(super) fn drive(&self) -> Drive {
         match self.drive {
-            Drive::Goal(_) if self.stage != Stage::Work => Drive::Untouched,
-            drive => drive,
+            Drive::Goal(_) if self.stage == Stage::Work => self.drive,
+            Drive::Goal(goal) if goal.torque_enable == 0 || self.turns_endlessly() => Drive::Off,
+            Drive::Goal(_) => Drive::Untouched,
+            Drive::Off | Drive::Untouched => self.drive,
         }
     }
 
+    /// Also of a servo that has never told: it will not be heard to stop.
     fn turns_endlessly(&self) -> bool {
-        self.held.is_some_and(Setup::turns_endlessly)
+        self.held.map_or(self.is_missing(), Setup::turns_endlessly)
     }
 
     /// The request that is due, how many bytes answer it, and when they come.
