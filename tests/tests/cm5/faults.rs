@@ -255,3 +255,24 @@ fn stalls_of_150_us_within_an_answer_are_borne() {
     assert!(counters.iter().all(|c| c.replies > 50 && c.time_outs + c.checksum_errors == 0));
     assert!(counters.iter().all(|c| (1000..2400).contains(&c.longest_latency_us)));
 }
+
+#[test]
+fn the_shutdown_of_a_servo_is_not_undone_but_by_a_newer_goal() {
+    let mut bench = Bench::at_work(Make { servos: servos([1, 2]), ..Make::default() });
+    bench.run_alive_ms(500, goal(600));
+    bench.board.bus.bus().servo(0).surroundings.temperature_c = 90;
+    // Its own shutdown takes a millisecond, the answer that tells of it one cycle.
+    bench.run_ms(10);
+    for _ in 0..2000 {
+        bench.board.run_for(Duration::from_micros(997));
+        assert_eq!(bench.goal_of(0).torque_enable, 0);
+    }
+    bench.board.bus.bus().servo(0).surroundings.temperature_c = 60;
+    bench.run_ms(1000);
+    let off = (bench.goal_of(0).torque_enable, bench.goal_of(0).torque_limit);
+    assert_eq!((off, bench.goal_of(1)), ((0, 0), goal(600)));
+    // A PC may insist: a joint that is overloaded must be able to back off.
+    bench.send_goal(goal(500));
+    bench.run_ms(10);
+    assert_eq!(bench.goal_of(0), goal(500));
+}

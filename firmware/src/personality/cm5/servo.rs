@@ -33,6 +33,10 @@ const EEPROM_BYTE: Duration = Duration::from_millis(7);
 /// checked, since an EEPROM wears out.
 const WRITES: u8 = 6;
 
+/// Errors at which a servo switches its torque off, if its register 18 says so. To send the goal
+/// again would switch it on again, every cycle.
+const SHUTDOWN: [Errors; 2] = [Errors::OVERHEAT, Errors::OVERLOAD];
+
 /// Whether the PC knows of a servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
@@ -239,6 +243,14 @@ impl Servo {
         }
     }
 
+    /// Its goal is not sent again: whatever drives it next is newer. What it does meanwhile is left
+    /// to itself.
+    pub(super) fn withdraw_goal(&mut self) {
+        if let Drive::Goal(_) = self.drive {
+            self.drive = Drive::Untouched;
+        }
+    }
+
     /// Whether it is to be asked now: also before the PC has agreed, but only until its limits have
     /// been read, since silence must stop what was turning endlessly before the bridge began.
     pub(super) fn is_due(&self, now: Instant) -> bool {
@@ -316,6 +328,9 @@ impl Servo {
             (stage, Outcome::Answered(answer)) => {
                 let returned = self.is_missing();
                 self.strikes = 0;
+                if SHUTDOWN.into_iter().any(|error| answer.errors.contains(error)) {
+                    self.withdraw_goal();
+                }
                 match stage {
                     Stage::Work => self.feedback = Some(Feedback::parse(answer.data)),
                     Stage::Confirm if answer.data[0] == 0 => self.write_what_differs(now),
