@@ -114,6 +114,22 @@ fn a_servo_that_is_back_takes_part_within_five_seconds_and_the_pc_hears_a_hello(
 }
 
 #[test]
+fn a_servo_that_is_back_while_the_pc_is_silent_waits_for_a_goal() {
+    let mut bench = Bench::at_work(Make { servos: servos([1, 2]), ..Make::default() });
+    bench.run_alive_ms(2000, goal(900));
+    bench.run_ms(2000);
+    bench.board.bus.bus().unplug(1);
+    bench.run_ms(2000);
+    bench.board.bus.bus().plug(1);
+    bench.run_ms(2000);
+    assert_eq!(bench.counters(1).returns, 1);
+    assert_eq!((bench.goal_of(0), bench.goal_of(1).torque_enable), (goal(900), 0));
+    bench.send_goal(goal(400));
+    bench.run_ms(10);
+    assert_eq!([bench.goal_of(0), bench.goal_of(1)], [goal(400); 2]);
+}
+
+#[test]
 fn with_all_servos_gone_the_pc_still_hears_and_all_come_back() {
     let mut bench = walker();
     bench.run_alive_ms(500, goal(600));

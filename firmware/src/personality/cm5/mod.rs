@@ -282,8 +282,11 @@ impl Bridge {
             }
             Purpose::Servo(id, asked) => {
                 self.cycle.served(id);
-                let servo = self.roster.get_mut(id);
-                if servo.is_some_and(|servo| servo.conclude(asked, outcome, now)) {
+                let Some(servo) = self.roster.get_mut(id) else { return };
+                if servo.conclude(asked, outcome, now) {
+                    if self.pc.is_silent() {
+                        servo.withdraw_goal();
+                    }
                     self.pc.tell_news(now);
                 }
             }
