@@ -193,6 +193,25 @@ fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared(
     assert!(tried.errors_seen.contains(protocol::dynamixel::Errors::RANGE));
     assert!(bench.reports().iter().all(|report| report[0].is_some() && report[1].is_none()));
 
+    // The PC's insisting changes nothing.
+    for _ in 0..10 {
+        bench.answer(250, &[limits(0, 900)]);
+        bench.run_alive_ms(1000, goal(600));
+    }
+    assert_eq!(bench.counters(1).eeprom_bytes, 12);
+
+    // A loose contact buys two writes of a limit at each return.
+    for returns in 1..=3 {
+        bench.board.bus.bus().servo(1).set(Register::STATUS_RETURN_LEVEL, 0);
+        bench.run_alive_ms(1000, goal(600));
+        bench.board.bus.bus().servo(1).set(Register::STATUS_RETURN_LEVEL, 2);
+        bench.run_alive_ms(1000, goal(600));
+        assert_eq!(
+            (bench.counters(1).returns, bench.counters(1).eeprom_bytes),
+            (returns, 12 + 4 * returns)
+        );
+    }
+
     // Power-off unlocks it.
     bench.board.bus.bus().unplug(1);
     bench.run_alive_ms(1000, goal(600));

@@ -30,8 +30,11 @@ pub const PROBE_PERIOD: Duration = Duration::from_millis(500);
 /// A servo is mute this long for every byte written to its EEPROM (facts: about 6 ms).
 const EEPROM_BYTE: Duration = Duration::from_millis(7);
 /// Writes before a servo counts as one that does not take them (it is locked, say): it is then only
-/// checked, since an EEPROM wears out.
+/// checked, since an EEPROM wears out. Only another wish of the PC renews them, and success.
 const WRITES: u8 = 6;
+/// Writes that a servo which was missing has at least, as power-off unlocks it: one of the return
+/// delay, one of the limits.
+const WRITES_AFTER_RETURN: u8 = 2;
 
 /// Errors at which a servo switches its torque off, if its register 18 says so. To send the goal
 /// again would switch it on again, every cycle.
@@ -347,7 +350,7 @@ impl Servo {
                 self.strikes = self.strikes.saturating_add(1);
                 if self.is_missing() {
                     self.stage = Stage::Check;
-                    self.writes_left = WRITES;
+                    self.writes_left = self.writes_left.max(WRITES_AFTER_RETURN);
                     self.from = now + PROBE_PERIOD;
                 }
                 false
@@ -398,7 +401,10 @@ impl Servo {
     fn write_what_differs(&mut self, now: Instant) {
         let (Some(wanted), Some(held)) = (self.wanted, self.held) else { return };
         self.stage = match wanted.differs_from(held) {
-            None => Stage::Work,
+            None => {
+                self.writes_left = WRITES;
+                Stage::Work
+            }
             Some((Register { address, .. }, count)) if self.writes_left > 0 => {
                 Stage::Write { address, count }
             }
