@@ -204,6 +204,31 @@ fn a_late_answer_to_an_older_hello_is_refused() {
 }
 
 #[test]
+fn an_answer_that_is_as_long_as_goals_is_taken_for_an_answer() {
+    // 11 servos, of which the PC has agreed on 3: 45 bytes. The first limits are good goals, too.
+    let both = [limits(0x101, 0x101), limits(0, 1023), limits(0, 0), limits(100, 900)];
+    for pair in both {
+        let mut bench = Bench::new(servos(1..=11));
+        (3..11).for_each(|servo| bench.board.bus.bus().unplug(servo));
+        bench.run_ms(1500);
+        bench.answer(1, &[limits(0, 1023)]);
+        bench.agreed = 3;
+        bench.run_alive_ms(1000, goal(512));
+        (3..11).for_each(|servo| bench.board.bus.bus().plug(servo));
+        bench.run_alive_ms(5000, goal(512));
+        let before = bench.board.bridge().counters().pc;
+        assert_eq!(before.answers, 1, "goals are no answer though they are as long");
+        bench.answer(1, &[pair; 11]);
+        bench.run_ms(300);
+        let after = bench.board.bridge().counters().pc;
+        assert_eq!((after.answers, after.goals, after.refused), (2, before.goals, 0), "{pair:?}");
+        let limits = bench.setup(10);
+        assert_eq!(limits[1..], bench.setup(0)[1..]);
+        assert!(bench.board.bridge().servos().all(|servo| servo.is_agreed()));
+    }
+}
+
+#[test]
 fn a_board_without_servos_waits_for_the_first() {
     let mut bench = Bench::with(Make { servos: servos([9]), ..Make::default() });
     bench.board.bus.bus().unplug(0);

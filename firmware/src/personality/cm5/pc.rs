@@ -145,18 +145,33 @@ impl Pc {
         roster: &mut Roster,
         now: Instant,
     ) -> Result<(), Refusal> {
-        // Goals first: of the two, only an answer may write EEPROM.
-        if let Ok(goals) = Goals::parse(params, roster.agreed()) {
-            for (servo, goal) in roster.iter_mut().filter(|s| s.is_agreed()).zip(goals.iter()) {
-                servo.ordered = Some(goal);
+        let goals = Goals::parse(params, roster.agreed());
+        let answer = if self.said_hello {
+            Answer::parse(params, roster.told().count())
+        } else {
+            Err(Refusal::Length(params.len()))
+        };
+        match (answer, goals) {
+            // Both at once are rare (see `protocol::cm5`): whom the bridge has asked may answer.
+            (Ok(answer), goals) if self.news || goals.is_err() => {
+                self.take_answer(answer, roster, now);
+                Ok(())
             }
-            count(&mut self.counters.goals, 1);
-            return Ok(());
+            (_, Ok(goals)) => {
+                for (servo, goal) in roster.iter_mut().filter(|s| s.is_agreed()).zip(goals.iter()) {
+                    servo.ordered = Some(goal);
+                }
+                count(&mut self.counters.goals, 1);
+                Ok(())
+            }
+            // The one of the right length tells what is wrong with it.
+            (Err(Refusal::Length(_)) | Ok(_), Err(refusal)) | (Err(refusal), Err(_)) => {
+                Err(refusal)
+            }
         }
-        if !self.said_hello {
-            return Err(Refusal::Length(params.len()));
-        }
-        let answer = Answer::parse(params, roster.told().count())?;
+    }
+
+    fn take_answer(&mut self, answer: Answer<'_>, roster: &mut Roster, now: Instant) {
         let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
         for (place, servo) in told.enumerate() {
             if let Some(limits) = answer.limits(place) {
@@ -167,7 +182,6 @@ impl Pc {
         self.news = roster.told().count() < roster.len();
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD);
         count(&mut self.counters.answers, 1);
-        Ok(())
     }
 
     /// Brings the newest goals into force, and does what silence asks for.
