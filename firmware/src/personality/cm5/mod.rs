@@ -56,9 +56,9 @@ use roster::Roster;
 use search::{Search, Watch};
 
 pub use exchange::{BusCounters, MAX_REQUEST};
-pub use pc::{HELLO_PERIOD, PcCounters};
+pub use pc::PcCounters;
 pub use protocol::cm5::MAX_SERVOS;
-pub use servo::{PROBE_PERIOD, STRIKES, Servo, ServoCounters, Stage};
+pub use servo::{Servo, ServoCounters, Stage};
 
 /// What a bridge has counted. The counters wrap; those of a servo are with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -16,7 +16,7 @@ use crate::fmt::warning;
 use crate::settings::{BridgeSettings, OnSilence};
 
 /// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
-pub const HELLO_PERIOD: Duration = Duration::from_secs(1);
+const HELLO_PERIOD: Duration = Duration::from_secs(1);
 
 /// What the PC's side has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

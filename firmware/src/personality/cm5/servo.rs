@@ -4,8 +4,8 @@
 //! A servo that the PC has given limits is *checked*: its return delay and limits (registers 5 to
 //! 9) are read, what differs is *written*, and it is checked again, until nothing differs. Then it
 //! is *at work*: read every cycle, and sent its goal. One that has not answered [`STRIKES`] times
-//! in a row is *missing*: it is left out of the cycle, and checked every [`PROBE_PERIOD`]. When it
-//! answers it may have lost its power, or be another one with the same ID; the check takes care of
+//! in a row is *missing*: it is left out of the cycle, and checked after [`FIRST_PROBE`], then after
+//! twice that, and so on up to [`LAST_PROBE`]. When it answers it may have lost its power, or be another one with the same ID; the check takes care of
 //! both.
 //!
 //! Limits that are both 0 make a servo turn *endlessly*, and then its speed means something else: 0
@@ -23,10 +23,13 @@ use super::exchange::{Answer, Outcome, Patience, count};
 /// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
 /// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in
 /// a row once in 400,000.
-pub const STRIKES: u8 = 8;
-/// A missing servo is asked this often. It costs 0.9 ms, so a hundred missing ones cost a fifth of
+const STRIKES: u8 = 8;
+/// A missing servo is asked again after this time: with few servos eight strikes are over within a
+/// glitch of the line.
+const FIRST_PROBE: Duration = Duration::from_millis(10);
+/// In the end it is asked this often. It costs 0.9 ms, so a hundred missing ones cost a fifth of
 /// the time at the most.
-pub const PROBE_PERIOD: Duration = Duration::from_millis(500);
+const LAST_PROBE: Duration = Duration::from_millis(500);
 /// A servo is mute this long for every byte written to its EEPROM (facts: about 6 ms).
 const EEPROM_BYTE: Duration = Duration::from_millis(7);
 /// Writes before a servo counts as one that does not take them (it is locked, say): it is then only
@@ -156,6 +159,8 @@ pub struct Servo {
     from: Instant,
     writes_left: u8,
     strikes: u8,
+    /// How long it is left alone, once it is missing.
+    probe: Duration,
     /// The newest goal of the PC, for the next cycle.
     pub(super) ordered: Option<Goal>,
     drive: Drive,
@@ -174,6 +179,7 @@ impl Servo {
             from: Instant::MIN,
             writes_left: 0,
             strikes: 0,
+            probe: FIRST_PROBE,
             ordered: None,
             drive: Drive::Untouched,
             feedback: None,
@@ -331,6 +337,7 @@ impl Servo {
             (stage, Outcome::Answered(answer)) => {
                 let returned = self.is_missing();
                 self.strikes = 0;
+                self.probe = FIRST_PROBE;
                 if SHUTDOWN.into_iter().any(|error| answer.errors.contains(error)) {
                     self.withdraw_goal();
                 }
@@ -351,7 +358,8 @@ impl Servo {
                 if self.is_missing() {
                     self.stage = Stage::Check;
                     self.writes_left = self.writes_left.max(WRITES_AFTER_RETURN);
-                    self.from = now + PROBE_PERIOD;
+                    self.from = now + self.probe;
+                    self.probe = (self.probe * 2).min(LAST_PROBE);
                 }
                 false
             }
@@ -409,7 +417,7 @@ impl Servo {
                 Stage::Write { address, count }
             }
             Some(_) => {
-                self.from = now + PROBE_PERIOD;
+                self.from = now + LAST_PROBE;
                 Stage::Check
             }
         };
