@@ -41,7 +41,7 @@ fn servos_beyond_the_hundredth_are_counted_and_left_alone() {
 
 #[test]
 fn the_search_finds_the_servos_through_noise() {
-    // Every hundredth byte lost or damaged, and stalls: an ID is given up after three failures.
+    // Every 200th byte lost or damaged, and stalls: an ID is given up after three failures.
     let ids = [1, 2, 40, 41, 100, 253];
     for seed in 1..=20 {
         let faults = Faults { dropped_ppm: 2000, flipped_ppm: 3000, stalled_ppm: 100_000 };
