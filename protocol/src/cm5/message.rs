@@ -103,11 +103,6 @@ impl Limits {
             (self.cw.to_le_bytes(), self.ccw.to_le_bytes());
         [cw_low, cw_high, ccw_low, ccw_high]
     }
-
-    /// Whether a servo with these limits turns endlessly.
-    pub const fn endless(self) -> bool {
-        self.cw == 0 && self.ccw == 0
-    }
 }
 
 /// PC to CM-5: the answer to a hello.
