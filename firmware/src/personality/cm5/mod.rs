@@ -24,16 +24,22 @@
 //! - up to 100 servos ([`MAX_SERVOS`]): 18 take 8 ms a cycle, 100 take 44 ms. Those that find no room
 //!   are counted and left alone;
 //! - no goal is sent before the PC's first goals, nor to a servo whose return delay and limits are
-//!   not yet what the PC wants;
+//!   not yet what the PC wants. To stop is always allowed: torque off is sent to whoever may hear;
+//! - goals with one value that no servo takes are refused as a whole;
+//! - a servo is driven only by a goal that is newer than whatever made the last one unsafe: a change
+//!   between joint and endless turning, its own shutdown (heat, overload), silence for what turns
+//!   endlessly, and being away while the PC is silent;
 //! - registers 5 to 9 are written only where they differ, and read back;
 //! - a servo that has not answered is stale in the report (8 x `FF`) from that cycle on; one that
-//!   is missing or being set up is not sent goals;
+//!   is missing or being set up is not sent goals, and one that turns endlessly is stopped then;
 //! - a new servo becomes part of reports and goals when the PC has answered the hello that told of
 //!   it; until then the others go on as before. A servo that is back takes part at once, with the
 //!   limits it had to have, and the PC hears a hello;
 //! - when the PC is silent, the goals stay as they are, and so does the torque, since a robot that
 //!   goes limp falls: servos end the move that they were sent on, and hold. What turns endlessly
-//!   has no such end and is stopped. A setting switches the torque off instead.
+//!   has no such end, and its torque is switched off. A setting switches all torque off instead.
+//!   Before the PC's first word silence counts from the end of the search, so what turned when the
+//!   bridge began is stopped too.
 
 mod cycle;
 mod exchange;
