@@ -142,6 +142,7 @@ fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
     for (options, names) in [
         (&["--servos", "5-2"][..], "--servos 5-2: expected IDs"),
         (&["--servos", "254"], "--servos 254: expected IDs"),
+        (&["--servos", "0-3"], "--servos 0-3: expected IDs from 1 to 253"),
         (&["--servos", ""], "--servos : expected IDs"),
         (&["--bus-faults", "lost=3"], "--bus-faults lost=3: expected dropped="),
         (&["--bus-faults", "dropped=2000000"], "--bus-faults dropped=2000000: expected"),

@@ -133,7 +133,8 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     pub fn give_up_front(&mut self) {
         self.release();
         if self.held > 0 {
-            self.reject();
+            self.count_rejected(self.held);
+            self.skip_to(self.next_candidate(0));
         }
     }
 
@@ -195,20 +196,32 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
 
     /// Judges candidates until one is a frame (its length) or more bytes are needed (`None`).
     /// With `silent`, a candidate that needs more bytes is rejected.
+    ///
+    /// What is held moves once, however many are rejected: a false start may hold one at every byte.
     fn decide(&mut self, silent: bool) -> Option<usize> {
-        while self.held > 0 {
-            match Self::judge(self.buffer.get(..self.held).unwrap_or_default()) {
-                Verdict::Frame(length) => return Some(length),
-                Verdict::Needs(count) if !silent => {
-                    self.needed = count;
-                    return None;
+        let (mut front, mut found, mut needed) = (0_usize, None, F::START.len());
+        while front < self.held {
+            let rest = self.buffer.get(front..self.held).unwrap_or_default();
+            let (verdict, length) = (Self::judge(rest), rest.len());
+            match verdict {
+                Verdict::Frame(length) => {
+                    found = Some(length);
+                    break;
                 }
-                Verdict::Noise => self.resynchronise(),
-                Verdict::Rejected | Verdict::Needs(_) => self.reject(),
+                Verdict::Needs(count) if !silent => {
+                    needed = count;
+                    break;
+                }
+                Verdict::Noise => {}
+                Verdict::Rejected | Verdict::Needs(_) => self.count_rejected(length),
             }
+            front = self.next_candidate(front);
         }
-        self.needed = F::START.len();
-        None
+        if front > 0 {
+            self.skip_to(front);
+        }
+        self.needed = needed;
+        found
     }
 
     #[inline]
@@ -232,27 +245,31 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         }
     }
 
-    /// Drops the candidate at the front; it counts as a bad frame if its header was there.
-    fn reject(&mut self) {
-        if self.held >= F::HEADER {
+    /// A candidate of so many bytes counts as a bad frame if its header was there.
+    fn count_rejected(&mut self, held: usize) {
+        if held >= F::HEADER {
             self.count_bad_frame();
         }
-        self.resynchronise();
     }
 
     fn count_bad_frame(&mut self) {
         self.reception.bad_frames = self.reception.bad_frames.wrapping_add(1);
     }
 
-    /// Drops the front byte and all behind it up to the next place that begins like a frame.
+    /// The next place behind `front` that begins like a frame, or where the bytes held end.
     #[cold]
-    fn resynchronise(&mut self) {
+    fn next_candidate(&self, front: usize) -> usize {
         let held = self.buffer.get(..self.held).unwrap_or_default();
-        let next = (1..held.len())
+        (front.saturating_add(1)..held.len())
             .find(|&at| begins_like(F::START, held.get(at..).unwrap_or_default()))
-            .unwrap_or(held.len());
-        self.skipped(next);
-        self.drop_front(next);
+            .unwrap_or(held.len())
+    }
+
+    /// Drops what is in front of this place.
+    #[cold]
+    fn skip_to(&mut self, place: usize) {
+        self.skipped(place);
+        self.drop_front(place);
     }
 
     fn drop_front(&mut self, count: usize) {

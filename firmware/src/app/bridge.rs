@@ -12,6 +12,7 @@ use core::cell::RefCell;
 
 use embassy_futures::join::join3;
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
@@ -70,6 +71,8 @@ pub async fn bridge<M: RawMutex>(
                 Either::Second(()) => &[],
             };
             bridge.borrow_mut().receive(bytes, Instant::now());
+            // On a line without a speed limit the bus would else wait for a pause.
+            yield_now().await;
         }
     };
 

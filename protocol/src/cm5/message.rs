@@ -20,6 +20,13 @@ pub enum Refusal {
         /// Counter-clockwise.
         ccw: u16,
     },
+    /// A goal with a value that the servo's register does not take.
+    Goal {
+        /// The register's name.
+        register: &'static str,
+        /// The value.
+        value: u16,
+    },
 }
 
 impl core::fmt::Display for Refusal {
@@ -28,6 +35,7 @@ impl core::fmt::Display for Refusal {
             Self::Length(len) => write!(f, "{len} parameters are for another number of servos"),
             Self::ReturnDelay(delay) => write!(f, "no servo has a return delay of {delay}"),
             Self::Limits { cw, ccw } => write!(f, "{cw} to {ccw} are no limits of a servo"),
+            Self::Goal { register, value } => write!(f, "{register} does not take {value}"),
         }
     }
 }
@@ -95,11 +103,6 @@ impl Limits {
             (self.cw.to_le_bytes(), self.ccw.to_le_bytes());
         [cw_low, cw_high, ccw_low, ccw_high]
     }
-
-    /// Whether a servo with these limits turns endlessly.
-    pub const fn endless(self) -> bool {
-        self.cw == 0 && self.ccw == 0
-    }
 }
 
 /// PC to CM-5: the answer to a hello.
@@ -164,9 +167,7 @@ impl<'a> Answer<'a> {
     }
 }
 
-/// What one servo is to do: its writable registers. Values are as they came: a servo does nothing of
-/// a goal with a value that it does not take (a slope of 0, say), and cannot tell, since nobody
-/// answers a SYNC_WRITE.
+/// What one servo is to do: its writable registers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Goal {
@@ -176,7 +177,7 @@ pub struct Goal {
     pub led: u8,
     /// Error in which the motor is left alone, CW and CCW, in positions.
     pub margin: [u8; 2],
-    /// Error beyond the margin at which the torque is full, CW and CCW, in positions.
+    /// Error beyond the margin at which the torque is full, CW and CCW, in positions, 1 to 254.
     pub slope: [u8; 2],
     /// 0 to 1023 over 300 degrees.
     pub position: u16,
@@ -210,6 +211,30 @@ impl Goal {
         }
     }
 
+    /// Whether a servo takes all of it. One that does not take a value (a slope of 0, say) does
+    /// nothing of the registers 24 to 35, not even stop, and cannot tell, since nobody answers a
+    /// SYNC_WRITE.
+    fn check(&self) -> Result<(), Refusal> {
+        let ([cw_margin, ccw_margin], [cw_slope, ccw_slope]) = (self.margin, self.slope);
+        let values = [
+            (Register::TORQUE_ENABLE, self.torque_enable.into()),
+            (Register::LED, self.led.into()),
+            (Register::CW_MARGIN, cw_margin.into()),
+            (Register::CCW_MARGIN, ccw_margin.into()),
+            (Register::CW_SLOPE, cw_slope.into()),
+            (Register::CCW_SLOPE, ccw_slope.into()),
+            (Register::GOAL_POSITION, self.position),
+            (Register::MOVING_SPEED, self.speed),
+            (Register::TORQUE_LIMIT, self.torque_limit),
+            (Register::LOCK, self.lock.into()),
+            (Register::PUNCH, self.punch),
+        ];
+        match values.into_iter().find(|(register, value)| !register.accepts(*value)) {
+            Some((register, value)) => Err(Refusal::Goal { register: register.name, value }),
+            None => Ok(()),
+        }
+    }
+
     /// The registers 24 to 35.
     pub const fn motion_registers(&self) -> [u8; 12] {
         let [p0, p1] = self.position.to_le_bytes();
@@ -226,7 +251,7 @@ impl Goal {
     }
 }
 
-/// PC to CM-5: what the servos are to do.
+/// PC to CM-5: what the servos are to do, all of it found to be good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Goals<'a>(&'a [[u8; Goal::BYTES]]);
@@ -235,12 +260,14 @@ impl<'a> Goals<'a> {
     /// Reads a packet's parameters as goals for `servos` servos, at least one.
     ///
     /// # Errors
-    /// [`Refusal::Length`].
+    /// [`Refusal::Length`] or [`Refusal::Goal`].
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
-        match params.as_chunks() {
-            (goals, []) if goals.len() == servos && servos > 0 => Ok(Self(goals)),
-            _ => Err(Refusal::Length(params.len())),
+        let (goals, []) = params.as_chunks() else { return Err(Refusal::Length(params.len())) };
+        if goals.len() != servos || servos == 0 {
+            return Err(Refusal::Length(params.len()));
         }
+        goals.iter().try_for_each(|goal| Goal::parse(*goal).check())?;
+        Ok(Self(goals))
     }
 
     /// One for each servo, in the order of the IDs.
@@ -420,6 +447,33 @@ mod tests {
         }
         assert_eq!(Goals::parse(&[0; 29], 2), Err(Refusal::Length(29)));
         assert_eq!(Goals::parse(&[], 0), Err(Refusal::Length(0)));
+    }
+
+    #[test]
+    fn goals_with_a_value_that_a_servo_does_not_take_are_refused_as_a_whole() {
+        let good = [1, 0, 2, 3, 32, 64, 0x00, 0x02, 0x55, 0x01, 0xFF, 0x03, 0, 0x20, 0x00];
+        // Of every register the value above its greatest, and of a slope the one below its least.
+        let bad: [(usize, &[u8], &str, u16); 13] = [
+            (0, &[2], "TORQUE_ENABLE", 2),
+            (1, &[2], "LED", 2),
+            (2, &[255], "CW_MARGIN", 255),
+            (3, &[255], "CCW_MARGIN", 255),
+            (4, &[0], "CW_SLOPE", 0),
+            (5, &[0], "CCW_SLOPE", 0),
+            (4, &[255], "CW_SLOPE", 255),
+            (5, &[255], "CCW_SLOPE", 255),
+            (6, &[0, 4], "GOAL_POSITION", 1024),
+            (8, &[0, 8], "MOVING_SPEED", 2048),
+            (10, &[0, 4], "TORQUE_LIMIT", 1024),
+            (12, &[2], "LOCK", 2),
+            (13, &[0, 4], "PUNCH", 1024),
+        ];
+        for (at, bytes, register, value) in bad {
+            let mut params = [good, good].concat();
+            assert!(Goals::parse(&params, 2).is_ok());
+            params[15 + at..][..bytes.len()].copy_from_slice(bytes);
+            assert_eq!(Goals::parse(&params, 2), Err(Refusal::Goal { register, value }));
+        }
     }
 
     #[test]

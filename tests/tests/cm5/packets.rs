@@ -59,7 +59,13 @@ fn piece() -> impl Strategy<Value = Vec<u8>> {
 }
 
 fn any_goal() -> impl Strategy<Value = Goal> {
-    any::<[u8; Goal::BYTES]>().prop_map(Goal::parse)
+    let registers = (0..=1u8, 0..=1u8, [0..=254u8, 0..=254], [1..=254u8, 1..=254]);
+    let words = (0..=1023u16, 0..=2047u16, 0..=1023u16, 0..=1u8, 0..=1023u16);
+    (registers, words).prop_map(
+        |((torque_enable, led, margin, slope), (position, speed, torque_limit, lock, punch))| {
+            Goal { torque_enable, led, margin, slope, position, speed, torque_limit, lock, punch }
+        },
+    )
 }
 
 fn feedback() -> impl Strategy<Value = Option<Feedback>> {
@@ -153,4 +159,19 @@ fn every_bit_flip_and_every_truncation_is_rejected_and_the_next_packet_is_found(
             assert!(!found.contains(&example));
         }
     }
+}
+
+#[test]
+fn behind_a_false_start_full_of_starts_the_good_packet_is_found() {
+    // 1505 bytes: itself, and every FF FF in it with two bytes behind, is a candidate.
+    let mut stream = vec![0xFF, 0xFF, 0x05, 0xDC];
+    stream.resize(MAX_PACKET, 0xFF);
+    let mut receiver = Receiver::new();
+    assert_eq!(receiver.receive(&mut &stream[..1000]), None);
+    assert_eq!(receiver.reception().bad_frames, 0);
+    assert_eq!(receiver.receive(&mut &stream[1000..]), None);
+    assert_eq!((receiver.reception().bad_frames, receiver.pending()), (1 + 1498, 3));
+    // They end in FF FF FF: the packet's own start comes after one FF more than it needs.
+    let good = packet(&[2, 1, 2]);
+    assert_eq!(receiver.receive(&mut &good[..]), Some(&good[..]));
 }

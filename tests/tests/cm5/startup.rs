@@ -1,6 +1,7 @@
 //! Search, hello and setup: who is on the bus, and what the PC wants of them.
 
 use embassy_time::Duration;
+use firmware::settings::{BridgeSettings, OnSilence};
 use hal_mock::cm5_board::Make;
 use hal_mock::servo_bus::Faults;
 use protocol::cm5::Refusal;
@@ -40,7 +41,7 @@ fn servos_beyond_the_hundredth_are_counted_and_left_alone() {
 
 #[test]
 fn the_search_finds_the_servos_through_noise() {
-    // Every hundredth byte lost or damaged, and stalls: an ID is given up after three failures.
+    // Every 200th byte lost or damaged, and stalls: an ID is given up after three failures.
     let ids = [1, 2, 40, 41, 100, 253];
     for seed in 1..=20 {
         let faults = Faults { dropped_ppm: 2000, flipped_ppm: 3000, stalled_ppm: 100_000 };
@@ -110,7 +111,7 @@ fn a_wrong_answer_changes_nothing_and_is_counted() {
     bench.run_ms(2000);
     assert_eq!(bench.board.bridge().counters().pc.refused, 8);
     assert_eq!([bench.setup(0), bench.setup(1)], [[250, 0, 1023]; 2]);
-    assert_eq!((bench.counters(0).replies, bench.counters(0).time_outs), (0, 0), "not even asked");
+    assert_eq!(bench.counters(0).replies, 1, "its limits were read once");
     assert_eq!(bench.hellos().len(), 2, "it goes on");
 
     // A damaged one is not even that.
@@ -192,6 +193,25 @@ fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared(
     assert!(tried.errors_seen.contains(protocol::dynamixel::Errors::RANGE));
     assert!(bench.reports().iter().all(|report| report[0].is_some() && report[1].is_none()));
 
+    // The PC's insisting changes nothing.
+    for _ in 0..10 {
+        bench.answer(250, &[limits(0, 900)]);
+        bench.run_alive_ms(1000, goal(600));
+    }
+    assert_eq!(bench.counters(1).eeprom_bytes, 12);
+
+    // A loose contact buys two writes of a limit at each return.
+    for returns in 1..=3 {
+        bench.board.bus.bus().servo(1).set(Register::STATUS_RETURN_LEVEL, 0);
+        bench.run_alive_ms(1000, goal(600));
+        bench.board.bus.bus().servo(1).set(Register::STATUS_RETURN_LEVEL, 2);
+        bench.run_alive_ms(1000, goal(600));
+        assert_eq!(
+            (bench.counters(1).returns, bench.counters(1).eeprom_bytes),
+            (returns, 12 + 4 * returns)
+        );
+    }
+
     // Power-off unlocks it.
     bench.board.bus.bus().unplug(1);
     bench.run_alive_ms(1000, goal(600));
@@ -207,4 +227,40 @@ fn refusals_tell_what_is_wrong() {
         "no servo has a return delay of 255"
     );
     assert_eq!(Refusal::Length(7).to_string(), "7 parameters are for another number of servos");
+}
+
+#[test]
+fn what_turns_when_the_bridge_starts_stops_unless_a_pc_agrees_in_time() {
+    let wheel_and_joint = || {
+        let mut all = servos([1, 2]);
+        all[0].write(Register::CW_LIMIT.address, &[0; 4]).unwrap();
+        for servo in &mut all {
+            servo.set(Register::TORQUE_ENABLE, 1);
+            servo.set(Register::MOVING_SPEED, 300);
+        }
+        all
+    };
+    let driven = |bench: &Bench| [0, 1].map(|servo| bench.goal_of(servo).torque_enable);
+    for (on_silence, expected) in [(OnSilence::Freeze, [0, 1]), (OnSilence::TorqueOff, [0, 0])] {
+        let settings = BridgeSettings { on_silence, ..BridgeSettings::DEFAULT };
+        let mut bench =
+            Bench::with(Make { servos: wheel_and_joint(), settings, ..Make::default() });
+        // The search takes 0.6 s. Goals of a PC that has not agreed are refused: no sign of life.
+        bench.agreed = 2;
+        bench.run_alive_ms(1500, goal(512));
+        assert_eq!(driven(&bench), [1, 1]);
+        bench.run_alive_ms(200, goal(512));
+        assert_eq!(driven(&bench), expected);
+        bench.run_alive_ms(5000, goal(512));
+        assert_eq!((driven(&bench), bench.register(0, Register::MOVING)), (expected, 0));
+    }
+
+    let mut bench = Bench::new(wheel_and_joint());
+    bench.run_ms(1500);
+    bench.answer(1, &[limits(0, 0), limits(0, 1023)]);
+    bench.agreed = 2;
+    bench.run_ms(950);
+    assert_eq!(driven(&bench), [1, 1]);
+    bench.run_alive_ms(2000, goal(300));
+    assert_eq!([bench.goal_of(0), bench.goal_of(1)], [goal(300); 2]);
 }

@@ -2,6 +2,7 @@
 
 use firmware::settings::{BridgeSettings, OnSilence};
 use hal_mock::cm5_board::Make;
+use hal_mock::servo_bus::Faults;
 
 use super::*;
 
@@ -71,6 +72,22 @@ fn goals_for_another_number_of_servos_change_nothing_and_are_counted() {
     let counters = bench.board.bridge().counters().pc;
     assert_eq!((counters.goals, counters.refused), (1, 6));
     assert!((0..3).all(|servo| bench.goal_of(servo) == goal(300)));
+}
+
+#[test]
+fn a_goal_that_no_servo_takes_changes_nothing_and_does_not_keep_it_from_stopping() {
+    let mut bench = Bench::new(servos([1]));
+    bench.run_ms(1000);
+    bench.answer(1, &[limits(0, 0)]);
+    bench.agreed = 1;
+    bench.run_ms(200);
+    bench.run_alive_ms(500, goal(512));
+    bench.send_goal(Goal { slope: [0, 0], ..goal(0) });
+    bench.run_ms(50);
+    assert_eq!((bench.goal_of(0), bench.register(0, Register::MOVING)), (goal(512), 1));
+    assert_eq!(bench.board.bridge().counters().pc.refused, 1);
+    bench.run_ms(1500);
+    assert_eq!(bench.register(0, Register::MOVING), 0);
 }
 
 #[test]
@@ -158,8 +175,77 @@ fn what_turns_endlessly_is_stopped_when_the_pc_is_silent() {
     bench.run_ms(940);
     assert_eq!(bench.goal_of(0).speed, 200);
     bench.run_ms(30);
-    assert_eq!((bench.goal_of(0).speed, bench.goal_of(0).torque_enable), (0, 1));
+    assert_eq!(bench.goal_of(0), Goal { torque_enable: 0, ..goal(512) });
     assert_eq!(bench.goal_of(1), goal(512));
+}
+
+/// A PC that gave `before` goals, and another one that answers with limits and sends nothing.
+fn after_a_change_of_mode(before: Limits, after: Limits) -> Bench {
+    let mut bench = Bench::new(servos([1]));
+    bench.run_ms(1000);
+    bench.answer(1, &[before]);
+    bench.agreed = 1;
+    bench.run_ms(200);
+    bench.run_alive_ms(500, Goal { speed: 300, ..goal(0) });
+    bench.run_ms(200);
+    bench.answer(1, &[after]);
+    bench
+}
+
+#[test]
+fn a_servo_whose_mode_is_changed_does_not_move_before_its_next_goal() {
+    let (wheel, joint) = (limits(0, 0), limits(0, 1023));
+    for (before, after, next) in [(wheel, joint, goal(800)), (joint, wheel, goal(0))] {
+        let mut bench = after_a_change_of_mode(before, after);
+        bench.run_ms(50);
+        assert_eq!(bench.goal_of(0).torque_enable, 0, "{after:?}");
+        let rests = bench.board.bus.bus().servo(0).position();
+        for _ in 0..100 {
+            bench.run_ms(9);
+            assert_eq!(bench.goal_of(0).torque_enable, 0, "{after:?}");
+        }
+        assert_eq!(bench.board.bus.bus().servo(0).position(), rests, "{after:?}");
+        bench.send_goal(next);
+        bench.run_ms(10);
+        assert_eq!(bench.goal_of(0), next);
+        bench.run_ms(100);
+        assert_ne!(bench.board.bus.bus().servo(0).position(), rests, "{after:?}");
+    }
+}
+
+#[test]
+fn limits_that_leave_a_joint_a_joint_do_not_let_it_go_limp() {
+    let mut bench = after_a_change_of_mode(limits(0, 1023), limits(100, 900));
+    for _ in 0..100 {
+        bench.run_ms(3);
+        assert_eq!(bench.goal_of(0).torque_enable, 1);
+    }
+    assert_eq!(bench.setup(0), [1, 100, 900]);
+}
+
+#[test]
+fn no_limits_are_written_to_the_other_mode_before_the_torque_is_off() {
+    // What the bridge found turning, as somebody else had left it.
+    for lost in [false, true] {
+        let mut all = servos([1]);
+        all[0].write(Register::CW_LIMIT.address, &[0; 4]).unwrap();
+        all[0].set(Register::TORQUE_ENABLE, 1);
+        all[0].set(Register::MOVING_SPEED, 300);
+        let mut bench = Bench::new(all);
+        bench.run_ms(1000);
+        if lost {
+            let faults = Faults { dropped_ppm: 20_000, ..Faults::default() };
+            bench.board.bus.bus().set_faults(faults);
+        }
+        bench.answer(1, &[limits(0, 1023)]);
+        let mut changed = false;
+        for _ in 0..3000 {
+            bench.board.run_for(Duration::from_micros(100));
+            changed |= bench.setup(0)[2] == 1023;
+            assert!(!changed || bench.goal_of(0).torque_enable == 0);
+        }
+        assert!(changed);
+    }
 }
 
 #[test]

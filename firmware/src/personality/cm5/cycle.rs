@@ -1,8 +1,8 @@
 //! The loop of work: read every servo, take the newest goals, send them, report; and again.
 //!
 //! Goals go out every cycle, new or not, in two SYNC_WRITEs (registers 24 to 35, and 47 to 49, since
-//! those between are read-only), each in packets of [`MAX_REQUEST`](super::exchange::MAX_REQUEST)
-//! bytes at the most.
+//! those between are read-only), and servos whose torque is to be off are told so in a third; each
+//! in packets of [`MAX_REQUEST`](super::exchange::MAX_REQUEST) bytes at the most.
 
 use embassy_time::{Duration, Instant};
 use protocol::dynamixel::{EncodeError, Id, Register, SyncWriter};
@@ -10,19 +10,41 @@ use protocol::dynamixel::{EncodeError, Id, Register, SyncWriter};
 use super::exchange::MAX_REQUEST;
 use super::pc::Pc;
 use super::roster::Roster;
-use super::servo::Servo;
+use super::servo::{Drive, Servo};
 
 /// A cycle in which nobody was asked or told anything is followed by this pause, so that a PC still
 /// hears a hundred times a second that all its servos are silent.
 const IDLE: Duration = Duration::from_millis(10);
 
-/// Which of the two SYNC_WRITEs.
+/// Which of the SYNC_WRITEs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
+    /// Torque enable alone, 0.
+    Off,
     /// Torque enable to torque limit.
     Motion,
     /// Lock and punch.
     Lock,
+}
+
+impl Block {
+    /// The first register, and how many bytes of each servo.
+    const fn registers(self) -> (Register, u8) {
+        match self {
+            Self::Off => (Register::TORQUE_ENABLE, 1),
+            Self::Motion => (Register::TORQUE_ENABLE, 12),
+            Self::Lock => (Register::LOCK, 3),
+        }
+    }
+
+    /// Whether it has something for this servo.
+    fn is_for(self, servo: &Servo) -> bool {
+        match servo.drive() {
+            Drive::Untouched => false,
+            Drive::Off => self == Self::Off,
+            Drive::Goal(_) => self != Self::Off,
+        }
+    }
 }
 
 /// What is to be sent next.
@@ -30,7 +52,7 @@ pub enum Block {
 pub enum Job {
     /// What is due of a servo.
     Servo(Id),
-    /// Goals of the servos behind the one that was served last.
+    /// One of the SYNC_WRITEs, to the servos behind the one that was served last.
     Goals(Block),
 }
 
@@ -76,7 +98,8 @@ impl Cycle {
                     servo.map(|servo| Job::Servo(servo.id()))
                 }
                 Turn::Goals(block) => {
-                    roster.behind(behind).any(Servo::is_driven).then_some(Job::Goals(block))
+                    let any = roster.behind(behind).any(|servo| block.is_for(servo));
+                    any.then_some(Job::Goals(block))
                 }
                 Turn::Rest(until) if now < until => return None,
                 Turn::Rest(_) => None,
@@ -89,8 +112,9 @@ impl Cycle {
             self.turn = match self.turn {
                 Turn::Servos => {
                     pc.take_goals(roster, now);
-                    Turn::Goals(Block::Motion)
+                    Turn::Goals(Block::Off)
                 }
+                Turn::Goals(Block::Off) => Turn::Goals(Block::Motion),
                 Turn::Goals(Block::Motion) => Turn::Goals(Block::Lock),
                 Turn::Goals(Block::Lock) => {
                     self.cycles = self.cycles.wrapping_add(1);
@@ -115,21 +139,21 @@ impl Cycle {
         roster: &Roster,
         out: &'b mut [u8],
     ) -> (Result<&'b mut [u8], EncodeError>, Option<Id>) {
-        let (register, len) = match block {
-            Block::Motion => (Register::TORQUE_ENABLE, 12),
-            Block::Lock => (Register::LOCK, 3),
-        };
+        let (register, len) = block.registers();
         let room = out.get_mut(..MAX_REQUEST).unwrap_or_default();
         let mut writer = match SyncWriter::new(room, register.address, len) {
             Ok(writer) => writer,
             Err(error) => return (Err(error), None),
         };
         let mut last = None;
-        for servo in roster.behind(self.behind).filter(|servo| servo.is_driven()) {
-            let (Some(goal), Ok(data)) = (servo.goal(), writer.servo(servo.id())) else { break };
-            match block {
-                Block::Motion => data.copy_from_slice(&goal.motion_registers()),
-                Block::Lock => data.copy_from_slice(&goal.lock_registers()),
+        for servo in roster.behind(self.behind).filter(|servo| block.is_for(servo)) {
+            let Ok(data) = writer.servo(servo.id()) else { break };
+            match (servo.drive(), block) {
+                (Drive::Goal(goal), Block::Motion) => {
+                    data.copy_from_slice(&goal.motion_registers());
+                }
+                (Drive::Goal(goal), _) => data.copy_from_slice(&goal.lock_registers()),
+                (Drive::Off | Drive::Untouched, _) => data.fill(0),
             }
             last = Some(servo.id());
         }

@@ -24,16 +24,22 @@
 //! - up to 100 servos ([`MAX_SERVOS`]): 18 take 8 ms a cycle, 100 take 44 ms. Those that find no room
 //!   are counted and left alone;
 //! - no goal is sent before the PC's first goals, nor to a servo whose return delay and limits are
-//!   not yet what the PC wants;
+//!   not yet what the PC wants. To stop is always allowed: torque off is sent to whoever may hear;
+//! - goals with one value that no servo takes are refused as a whole;
+//! - a servo is driven only by a goal that is newer than whatever made the last one unsafe: a change
+//!   between joint and endless turning, its own shutdown (heat, overload), silence for what turns
+//!   endlessly, and being away while the PC is silent;
 //! - registers 5 to 9 are written only where they differ, and read back;
 //! - a servo that has not answered is stale in the report (8 x `FF`) from that cycle on; one that
-//!   is missing or being set up is not sent goals;
+//!   is missing or being set up is not sent goals, and one that turns endlessly is stopped then;
 //! - a new servo becomes part of reports and goals when the PC has answered the hello that told of
 //!   it; until then the others go on as before. A servo that is back takes part at once, with the
 //!   limits it had to have, and the PC hears a hello;
 //! - when the PC is silent, the goals stay as they are, and so does the torque, since a robot that
 //!   goes limp falls: servos end the move that they were sent on, and hold. What turns endlessly
-//!   has no such end and is stopped. A setting switches the torque off instead.
+//!   has no such end, and its torque is switched off. A setting switches all torque off instead.
+//!   Before the PC's first word silence counts from the end of the search, so what turned when the
+//!   bridge began is stopped too.
 
 mod cycle;
 mod exchange;
@@ -56,9 +62,9 @@ use roster::Roster;
 use search::{Search, Watch};
 
 pub use exchange::{BusCounters, MAX_REQUEST};
-pub use pc::{HELLO_PERIOD, PcCounters};
+pub use pc::PcCounters;
 pub use protocol::cm5::MAX_SERVOS;
-pub use servo::{PROBE_PERIOD, STRIKES, Servo, ServoCounters, Stage};
+pub use servo::{Servo, ServoCounters, Stage};
 
 /// What a bridge has counted. The counters wrap; those of a servo are with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -147,7 +153,7 @@ impl Bridge {
         self.search.is_some()
     }
 
-    /// Whether the PC, once heard, is silent for too long.
+    /// Whether the PC is silent for too long; before its first word, since the search was over.
     pub fn pc_is_silent(&self) -> bool {
         self.pc.is_silent()
     }
@@ -247,7 +253,7 @@ impl Bridge {
                 return Some((id, Purpose::Search, Patience::Unknown));
             }
             self.search = None;
-            self.pc.tell_news(now);
+            self.pc.begin(now);
         }
         if now < self.watch.due() || self.roster.is_full() {
             return None;
@@ -282,8 +288,11 @@ impl Bridge {
             }
             Purpose::Servo(id, asked) => {
                 self.cycle.served(id);
-                let servo = self.roster.get_mut(id);
-                if servo.is_some_and(|servo| servo.conclude(asked, outcome, now)) {
+                let Some(servo) = self.roster.get_mut(id) else { return };
+                if servo.conclude(asked, outcome, now) {
+                    if self.pc.is_silent() {
+                        servo.withdraw_goal();
+                    }
                     self.pc.tell_news(now);
                 }
             }

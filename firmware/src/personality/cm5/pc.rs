@@ -2,7 +2,9 @@
 //!
 //! A *hello* is said once a second for as long as there is *news* that the PC has not answered (the
 //! search is over, a servo is new, or one is back), and while the PC is silent, since a PC that
-//! starts again waits for one. A packet is a sign of life only if it was carried out.
+//! starts again waits for one. A packet is a sign of life only if it was carried out. Silence counts
+//! from the end of the search: a bridge that starts again under a robot at work finds servos that
+//! still turn, and maybe nobody who would stop them.
 
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Packet, Refusal, Report};
@@ -14,7 +16,7 @@ use crate::fmt::warning;
 use crate::settings::{BridgeSettings, OnSilence};
 
 /// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
-pub const HELLO_PERIOD: Duration = Duration::from_secs(1);
+const HELLO_PERIOD: Duration = Duration::from_secs(1);
 
 /// What the PC's side has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +50,7 @@ pub struct Pc {
     hello_at: Instant,
     said_hello: bool,
     report_due: bool,
-    /// When the PC was last heard.
+    /// When the PC was last heard, or could first have been.
     heard: Option<Instant>,
     silent: bool,
     pub(super) counters: PcCounters,
@@ -68,9 +70,15 @@ impl Pc {
         }
     }
 
-    /// Whether the PC was heard once and is silent for too long.
+    /// Whether the PC is silent for too long.
     pub fn is_silent(&self) -> bool {
         self.silent
+    }
+
+    /// The search is over: from now on the PC can make itself heard.
+    pub fn begin(&mut self, now: Instant) {
+        self.heard = Some(now);
+        self.tell_news(now);
     }
 
     /// The list of servos has changed, or one of them was away: a hello is due.
@@ -137,18 +145,33 @@ impl Pc {
         roster: &mut Roster,
         now: Instant,
     ) -> Result<(), Refusal> {
-        // Goals first: of the two, only an answer may write EEPROM.
-        if let Ok(goals) = Goals::parse(params, roster.agreed()) {
-            for (servo, goal) in roster.iter_mut().filter(|s| s.is_agreed()).zip(goals.iter()) {
-                servo.ordered = Some(goal);
+        let goals = Goals::parse(params, roster.agreed());
+        let answer = if self.said_hello {
+            Answer::parse(params, roster.told().count())
+        } else {
+            Err(Refusal::Length(params.len()))
+        };
+        match (answer, goals) {
+            // Both at once are rare (see `protocol::cm5`): whom the bridge has asked may answer.
+            (Ok(answer), goals) if self.news || goals.is_err() => {
+                self.take_answer(answer, roster, now);
+                Ok(())
             }
-            count(&mut self.counters.goals, 1);
-            return Ok(());
+            (_, Ok(goals)) => {
+                for (servo, goal) in roster.iter_mut().filter(|s| s.is_agreed()).zip(goals.iter()) {
+                    servo.ordered = Some(goal);
+                }
+                count(&mut self.counters.goals, 1);
+                Ok(())
+            }
+            // The one of the right length tells what is wrong with it.
+            (Err(Refusal::Length(_)) | Ok(_), Err(refusal)) | (Err(refusal), Err(_)) => {
+                Err(refusal)
+            }
         }
-        if !self.said_hello {
-            return Err(Refusal::Length(params.len()));
-        }
-        let answer = Answer::parse(params, roster.told().count())?;
+    }
+
+    fn take_answer(&mut self, answer: Answer<'_>, roster: &mut Roster, now: Instant) {
         let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
         for (place, servo) in told.enumerate() {
             if let Some(limits) = answer.limits(place) {
@@ -159,27 +182,22 @@ impl Pc {
         self.news = roster.told().count() < roster.len();
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD);
         count(&mut self.counters.answers, 1);
-        Ok(())
     }
 
     /// Brings the newest goals into force, and does what silence asks for.
     pub fn take_goals(&mut self, roster: &mut Roster, now: Instant) {
         let timeout = Duration::from_millis(self.settings.pc_timeout_ms.into());
         let silent = timeout.as_ticks() > 0 && self.heard.is_some_and(|at| now - at >= timeout);
-        let falls_silent = silent && !self.silent;
-        if falls_silent {
+        if silent && !self.silent {
             self.silent = true;
-            self.hello_at = now;
+            if !self.news {
+                self.hello_at = now;
+            }
             count(&mut self.counters.silences, 1);
         }
         for servo in roster.iter_mut() {
-            if let Some(mut goal) = servo.ordered.take() {
-                if !self.settings.pass_lock {
-                    goal.lock = 0;
-                }
-                servo.goal = Some(goal);
-            }
-            if falls_silent {
+            servo.take_order(self.settings.pass_lock);
+            if silent {
                 servo.rest(self.settings.on_silence == OnSilence::TorqueOff);
             }
         }

@@ -4,9 +4,15 @@
 //! A servo that the PC has given limits is *checked*: its return delay and limits (registers 5 to
 //! 9) are read, what differs is *written*, and it is checked again, until nothing differs. Then it
 //! is *at work*: read every cycle, and sent its goal. One that has not answered [`STRIKES`] times
-//! in a row is *missing*: it is left out of the cycle, and checked every [`PROBE_PERIOD`]. When it
-//! answers it may have lost its power, or be another one with the same ID; the check takes care of
+//! in a row is *missing*: it is left out of the cycle, and checked after [`FIRST_PROBE`], then after
+//! twice that, and so on up to [`LAST_PROBE`]. When it answers it may have lost its power, or be another one with the same ID; the check takes care of
 //! both.
+//!
+//! Limits that are both 0 make a servo turn *endlessly*, and then its speed means something else: 0
+//! stops it, while in a joint it is the greatest there is. So its torque is switched off, and seen
+//! to be off, before it is written from one mode to the other. What the bridge does with its motor
+//! is its [`Drive`], and there is one rule: **a servo is driven only by a goal that is newer than
+//! whatever made the last one unsafe**.
 
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Feedback, Goal, Limits};
@@ -17,15 +23,25 @@ use super::exchange::{Answer, Outcome, Patience, count};
 /// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
 /// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in
 /// a row once in 400,000.
-pub const STRIKES: u8 = 8;
-/// A missing servo is asked this often. It costs 0.9 ms, so a hundred missing ones cost a fifth of
+const STRIKES: u8 = 8;
+/// A missing servo is asked again after this time: with few servos eight strikes are over within a
+/// glitch of the line.
+const FIRST_PROBE: Duration = Duration::from_millis(10);
+/// In the end it is asked this often. It costs 0.9 ms, so a hundred missing ones cost a fifth of
 /// the time at the most.
-pub const PROBE_PERIOD: Duration = Duration::from_millis(500);
+const LAST_PROBE: Duration = Duration::from_millis(500);
 /// A servo is mute this long for every byte written to its EEPROM (facts: about 6 ms).
 const EEPROM_BYTE: Duration = Duration::from_millis(7);
 /// Writes before a servo counts as one that does not take them (it is locked, say): it is then only
-/// checked, since an EEPROM wears out.
+/// checked, since an EEPROM wears out. Only another wish of the PC renews them, and success.
 const WRITES: u8 = 6;
+/// Writes that a servo which was missing has at least, as power-off unlocks it: one of the return
+/// delay, one of the limits.
+const WRITES_AFTER_RETURN: u8 = 2;
+
+/// Errors at which a servo switches its torque off, if its register 18 says so. To send the goal
+/// again would switch it on again, every cycle.
+const SHUTDOWN: [Errors; 2] = [Errors::OVERHEAT, Errors::OVERLOAD];
 
 /// Whether the PC knows of a servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,12 +67,60 @@ pub enum Stage {
         /// 1 to 4.
         count: u8,
     },
+    /// To switch its torque off: what is to be written next makes a joint a wheel, or the reverse.
+    Release,
+    /// Its torque enable, to see whether that was done.
+    Confirm,
     /// Its present state, every cycle.
     Work,
 }
 
+/// What the bridge does with a servo's motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Drive {
+    /// It is left as it is: nothing is sent.
+    Untouched,
+    /// Its torque is switched off, again every cycle.
+    Off,
+    /// It is sent this goal every cycle.
+    Goal(Goal),
+}
+
 /// Return delay and limits, as the registers 5 to 9 hold them.
-pub type Setup = [u8; 5];
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Setup([u8; 5]);
+
+impl Setup {
+    fn new(return_delay: u8, limits: Limits) -> Self {
+        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
+        Self([return_delay, cw_low, cw_high, ccw_low, ccw_high])
+    }
+
+    const fn return_delay(self) -> u8 {
+        self.0[0]
+    }
+
+    fn turns_endlessly(self) -> bool {
+        matches!(self.0, [_, 0, 0, 0, 0])
+    }
+
+    /// What must be written next of `self` to a servo that holds `held`: the first register, and
+    /// how many bytes.
+    fn differs_from(self, held: Self) -> Option<(Register, u8)> {
+        let [delay, c0, c1, w0, w1] = self.0;
+        let [held_delay, held_c0, held_c1, held_w0, held_w1] = held.0;
+        let (cw, ccw) = ([c0, c1] != [held_c0, held_c1], [w0, w1] != [held_w0, held_w1]);
+        match (delay != held_delay, cw, ccw) {
+            (true, ..) => Some((Register::RETURN_DELAY, 1)),
+            // Both at once: with one of them alone the servo might turn endlessly for a while.
+            (_, true, true) => Some((Register::CW_LIMIT, 4)),
+            (_, true, false) => Some((Register::CW_LIMIT, 2)),
+            (_, false, true) => Some((Register::CCW_LIMIT, 2)),
+            (_, false, false) => None,
+        }
+    }
+}
 
 /// What was counted of one servo. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,16 +151,19 @@ pub struct Servo {
     id: Id,
     pub(super) standing: Standing,
     /// What the PC wants of it, once agreed.
-    wanted: Setup,
+    wanted: Option<Setup>,
+    /// What it held when it was last checked.
+    held: Option<Setup>,
     stage: Stage,
     /// Not before this time is it asked again.
     from: Instant,
     writes_left: u8,
     strikes: u8,
+    /// How long it is left alone, once it is missing.
+    probe: Duration,
     /// The newest goal of the PC, for the next cycle.
     pub(super) ordered: Option<Goal>,
-    /// The goal in force.
-    pub(super) goal: Option<Goal>,
+    drive: Drive,
     feedback: Option<Feedback>,
     counters: ServoCounters,
 }
@@ -106,13 +173,15 @@ impl Servo {
         Self {
             id,
             standing: Standing::Found,
-            wanted: [0; 5],
+            wanted: None,
+            held: None,
             stage: Stage::Check,
             from: Instant::MIN,
             writes_left: 0,
             strikes: 0,
+            probe: FIRST_PROBE,
             ordered: None,
-            goal: None,
+            drive: Drive::Untouched,
             feedback: None,
             counters: ServoCounters::default(),
         }
@@ -138,11 +207,6 @@ impl Servo {
         self.strikes >= STRIKES
     }
 
-    /// The goal in force; `None` before the first.
-    pub fn goal(&self) -> Option<Goal> {
-        self.goal
-    }
-
     /// What it told when it was last asked; `None` if it did not answer.
     pub fn feedback(&self) -> Option<Feedback> {
         self.feedback
@@ -153,41 +217,70 @@ impl Servo {
         self.counters
     }
 
-    /// The PC wants it so. Nothing happens if that is how it is already.
+    /// The PC wants it so. Nothing happens if it has wanted that before.
     pub(super) fn agree(&mut self, return_delay: u8, limits: Limits) {
-        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
-        let wanted = [return_delay, cw_low, cw_high, ccw_low, ccw_high];
-        if self.is_agreed() && self.wanted == wanted && self.stage == Stage::Work {
+        let wanted = Setup::new(return_delay, limits);
+        let before = self.wanted.replace(wanted);
+        if self.is_agreed() && before == Some(wanted) {
             return;
         }
+        if before.is_some_and(|before| before.turns_endlessly() != wanted.turns_endlessly()) {
+            // Its goals were meant for the other mode.
+            self.ordered = None;
+            self.drive = Drive::Off;
+        }
         self.standing = Standing::Agreed;
-        self.wanted = wanted;
         self.writes_left = WRITES;
         self.stage = Stage::Check;
         self.feedback = None;
     }
 
-    /// The PC is silent: what turns endlessly stops, and with `torque_off` all torque goes.
-    pub(super) fn rest(&mut self, torque_off: bool) {
-        let endless = self.wanted.get(1..) == Some(&[0; 4]);
-        if let Some(goal) = &mut self.goal {
-            if torque_off {
-                goal.torque_enable = 0;
+    /// Brings the newest goal into force.
+    pub(super) fn take_order(&mut self, pass_lock: bool) {
+        if let Some(mut goal) = self.ordered.take() {
+            if !pass_lock {
+                goal.lock = 0;
             }
-            if endless {
-                goal.speed = 0;
-            }
+            self.drive = Drive::Goal(goal);
         }
     }
 
-    /// Whether it is to be asked now.
-    pub(super) fn is_due(&self, now: Instant) -> bool {
-        self.is_agreed() && now >= self.from
+    /// The PC is silent: what turns endlessly stops, and with `torque_off` all torque goes.
+    pub(super) fn rest(&mut self, torque_off: bool) {
+        if torque_off || self.turns_endlessly() {
+            self.drive = Drive::Off;
+        }
     }
 
-    /// Whether it may be sent its goal: not before its limits hold.
-    pub(super) fn is_driven(&self) -> bool {
-        self.is_agreed() && self.stage == Stage::Work && self.goal.is_some()
+    /// Its goal is not sent again: whatever drives it next is newer. What it does meanwhile is left
+    /// to itself.
+    pub(super) fn withdraw_goal(&mut self) {
+        if let Drive::Goal(_) = self.drive {
+            self.drive = Drive::Untouched;
+        }
+    }
+
+    /// Whether it is to be asked now: also before the PC has agreed, but only until its limits have
+    /// been read, since silence must stop what was turning endlessly before the bridge began.
+    pub(super) fn is_due(&self, now: Instant) -> bool {
+        (self.is_agreed() || self.held.is_none()) && now >= self.from
+    }
+
+    /// What it is to be sent now. No goal before its limits hold, but to stop is always allowed: a
+    /// servo that is not heard may hear. One that turns endlessly is stopped while it is missing,
+    /// since its move has no end.
+    pub(super) fn drive(&self) -> Drive {
+        match self.drive {
+            Drive::Goal(_) if self.stage == Stage::Work => self.drive,
+            Drive::Goal(goal) if goal.torque_enable == 0 || self.turns_endlessly() => Drive::Off,
+            Drive::Goal(_) => Drive::Untouched,
+            Drive::Off | Drive::Untouched => self.drive,
+        }
+    }
+
+    /// Also of a servo that has never told: it will not be heard to stop.
+    fn turns_endlessly(&self) -> bool {
+        self.held.map_or(self.is_missing(), Setup::turns_endlessly)
     }
 
     /// The request that is due, how many bytes answer it, and when they come.
@@ -195,21 +288,20 @@ impl Servo {
         &self,
         out: &'b mut [u8],
     ) -> (Result<&'b mut [u8], EncodeError>, usize, Patience) {
+        const TORQUE_ENABLE: u8 = Register::TORQUE_ENABLE.address;
+        let read = |address, count| Instruction::Read { address, count };
+        let write = |address, data| Instruction::Write { address, data };
         let (instruction, data, patience) = match self.stage {
-            Stage::Check => (
-                Instruction::Read { address: Register::RETURN_DELAY.address, count: 5 },
-                self.wanted.len(),
-                Patience::Unknown,
-            ),
-            Stage::Write { address, count } => (
-                Instruction::Write { address, data: self.part_of_wanted(address, count) },
-                0,
-                Patience::Unknown,
-            ),
+            Stage::Check => (read(Register::RETURN_DELAY.address, 5), 5, Patience::Unknown),
+            Stage::Write { address, count } => {
+                (write(address, self.part_of_wanted(address, count)), 0, Patience::Unknown)
+            }
+            Stage::Release => (write(TORQUE_ENABLE, &[0]), 0, Patience::Unknown),
+            Stage::Confirm => (read(TORQUE_ENABLE, 1), 1, Patience::Unknown),
             Stage::Work => (
-                Instruction::Read { address: Register::PRESENT_POSITION.address, count: 8 },
+                read(Register::PRESENT_POSITION.address, 8),
                 Feedback::BYTES,
-                Patience::Known(self.wanted[0]),
+                self.wanted.map_or(Patience::Unknown, |w| Patience::Known(w.return_delay())),
             ),
         };
         (instruction.encode(self.id, out), data, patience)
@@ -217,7 +309,8 @@ impl Servo {
 
     fn part_of_wanted(&self, address: u8, count: u8) -> &[u8] {
         let begin = usize::from(address.saturating_sub(Register::RETURN_DELAY.address));
-        self.wanted.get(begin..begin + usize::from(count)).unwrap_or_default()
+        let wanted = self.wanted.as_ref().map_or(&[][..], |wanted| &wanted.0);
+        wanted.get(begin..begin + usize::from(count)).unwrap_or_default()
     }
 
     /// Takes what came of the request of stage `asked`. Answers whether the servo is back after it
@@ -234,13 +327,24 @@ impl Servo {
                 self.stage = Stage::Check;
                 false
             }
+            // So does the reading.
+            (Stage::Release, _) if self.stage == Stage::Release => {
+                self.stage = Stage::Confirm;
+                false
+            }
             // The PC has asked for another setup meanwhile, and this does not tell of it.
             _ if asked != self.stage => false,
             (stage, Outcome::Answered(answer)) => {
                 let returned = self.is_missing();
                 self.strikes = 0;
+                self.probe = FIRST_PROBE;
+                if SHUTDOWN.into_iter().any(|error| answer.errors.contains(error)) {
+                    self.withdraw_goal();
+                }
                 match stage {
                     Stage::Work => self.feedback = Some(Feedback::parse(answer.data)),
+                    Stage::Confirm if answer.data[0] == 0 => self.write_what_differs(now),
+                    Stage::Confirm => self.stage = Stage::Release,
                     _ => self.compare(&answer, now),
                 }
                 if returned {
@@ -253,8 +357,9 @@ impl Servo {
                 self.strikes = self.strikes.saturating_add(1);
                 if self.is_missing() {
                     self.stage = Stage::Check;
-                    self.writes_left = WRITES;
-                    self.from = now + PROBE_PERIOD;
+                    self.writes_left = self.writes_left.max(WRITES_AFTER_RETURN);
+                    self.from = now + self.probe;
+                    self.probe = (self.probe * 2).min(LAST_PROBE);
                 }
                 false
             }
@@ -286,23 +391,33 @@ impl Servo {
 
     /// Compares what was read with what is wanted, and decides what comes next.
     fn compare(&mut self, answer: &Answer, now: Instant) {
-        let differs = |at: usize| self.wanted.get(at) != answer.data.get(at);
-        let (cw, ccw) = (differs(1) || differs(2), differs(3) || differs(4));
-        let part = match (differs(0), cw, ccw) {
-            (true, ..) => Some((Register::RETURN_DELAY, 1)),
-            // Both at once: with one of them alone the servo might turn endlessly for a while.
-            (_, true, true) => Some((Register::CW_LIMIT, 4)),
-            (_, true, false) => Some((Register::CW_LIMIT, 2)),
-            (_, false, true) => Some((Register::CCW_LIMIT, 2)),
-            (_, false, false) => None,
-        };
-        self.stage = match part {
-            None => Stage::Work,
+        let Some((held, _)) = answer.data.split_first_chunk() else { return };
+        let held = Setup(*held);
+        self.held = Some(held);
+        let Some(wanted) = self.wanted else { return };
+        let limits_differ = wanted
+            .differs_from(held)
+            .is_some_and(|(register, _)| register != Register::RETURN_DELAY);
+        if limits_differ && wanted.turns_endlessly() != held.turns_endlessly() {
+            self.stage = Stage::Release;
+        } else {
+            self.write_what_differs(now);
+        }
+    }
+
+    /// Decides what is to be written, of what differed when it was checked.
+    fn write_what_differs(&mut self, now: Instant) {
+        let (Some(wanted), Some(held)) = (self.wanted, self.held) else { return };
+        self.stage = match wanted.differs_from(held) {
+            None => {
+                self.writes_left = WRITES;
+                Stage::Work
+            }
             Some((Register { address, .. }, count)) if self.writes_left > 0 => {
                 Stage::Write { address, count }
             }
             Some(_) => {
-                self.from = now + PROBE_PERIOD;
+                self.from = now + LAST_PROBE;
                 Stage::Check
             }
         };

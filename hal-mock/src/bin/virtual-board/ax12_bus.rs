@@ -30,7 +30,7 @@ struct Ax12Bus {
 
 /// The bus that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let ids = servos::ids(&options.servos)?;
+    let ids = servos::ids(&options.servos, 0)?;
     let faults = servos::faults(&options.bus_faults)?;
     if options.line_rate() == 0 {
         return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());

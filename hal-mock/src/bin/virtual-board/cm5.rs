@@ -24,7 +24,8 @@ struct Cm5 {
 
 /// The CM-5 that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let ids = servos::ids(&options.servos)?;
+    // A CM-5 searches no others.
+    let ids = servos::ids(&options.servos, 1)?;
     let faults = servos::faults(&options.bus_faults)?;
     let board = Cm5Board::new(Make {
         servos: ids.iter().copied().map(Ax12::new).collect(),

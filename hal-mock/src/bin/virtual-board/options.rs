@@ -18,7 +18,7 @@ pub struct Options {
     #[arg(long, value_name = "LINK")]
     pub pty: Option<PathBuf>,
     /// Where to listen for TCP clients [default: 127.0.0.1:5005, or port 8101 for
-    /// pioneer-arm, 5012 for ax12-bus].
+    /// pioneer-arm, 5006 for cm5, 5012 for ax12-bus].
     #[arg(long, value_name = "ADDR")]
     tcp: Option<String>,
     /// Where to listen for UDP peers, one frame a datagram [default: 127.0.0.1:10001].

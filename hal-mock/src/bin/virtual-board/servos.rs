@@ -13,16 +13,19 @@ const HIGHEST_ID: u8 = 253;
 /// A fault rate of one.
 const CERTAIN_PPM: u64 = 1_000_000;
 
-/// The IDs in a list of numbers and ranges, as from the option `--servos`.
-pub fn ids(list: &str) -> Result<Vec<u8>, String> {
+/// The IDs from `lowest` on in a list of numbers and ranges, as from the option `--servos`.
+pub fn ids(list: &str, lowest: u8) -> Result<Vec<u8>, String> {
     let part = |part: &str| {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
         let (first, last): (u8, u8) = (first.trim().parse().ok()?, last.trim().parse().ok()?);
-        (first <= last && last <= HIGHEST_ID).then_some(first..=last)
+        (lowest <= first && first <= last && last <= HIGHEST_ID).then_some(first..=last)
     };
     let ranges: Option<Vec<_>> = list.split(',').map(part).collect();
     let ids = ranges.map(|ranges| ranges.into_iter().flatten().collect());
-    ids.ok_or(format!("--servos {list}: expected IDs from 0 to 253, as 1-6 or 1,2,5-7"))
+    let wrong = || {
+        format!("--servos {list}: expected IDs from {lowest} to {HIGHEST_ID}, as 1-6 or 1,2,5-7")
+    };
+    ids.ok_or_else(wrong)
 }
 
 /// The rates in a list like `dropped=100,stalled=2000`, as from the option `--bus-faults`.
