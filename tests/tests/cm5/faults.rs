@@ -131,6 +131,20 @@ fn a_servo_that_is_back_while_the_pc_is_silent_waits_for_a_goal() {
 }
 
 #[test]
+fn servos_that_come_back_together_are_told_together() {
+    let mut bench = walker();
+    (0..18).for_each(|servo| bench.board.bus.bus().unplug(servo));
+    bench.run_alive_ms(1000, goal(600));
+    (0..18).for_each(|servo| bench.board.bus.bus().plug(servo));
+    bench.run_alive_ms(1000, goal(600));
+    let hellos = bench.hellos();
+    assert!((1..=5).contains(&hellos.len()), "{}", hellos.len());
+    let apart = hellos.windows(2).map(|pair| (pair[1].0 - pair[0].0).as_millis());
+    assert!(apart.min().is_none_or(|apart| apart >= 195), "hellos follow each other too closely");
+    assert_eq!(bench.counters(17).returns, 1);
+}
+
+#[test]
 fn with_all_servos_gone_the_pc_still_hears_and_all_come_back() {
     let mut bench = walker();
     bench.run_alive_ms(500, goal(600));

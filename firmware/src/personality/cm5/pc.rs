@@ -17,6 +17,8 @@ use crate::settings::{BridgeSettings, OnSilence};
 
 /// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
 const HELLO_PERIOD: Duration = Duration::from_secs(1);
+/// Servos that come together are told together: hellos are at least so far apart.
+const HELLO_DISTANCE: Duration = Duration::from_millis(200);
 
 /// What the PC's side has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +50,8 @@ pub struct Pc {
     news: bool,
     /// When the next hello is due, if there is news or silence.
     hello_at: Instant,
-    said_hello: bool,
+    /// When the last one was said.
+    hello_said: Option<Instant>,
     report_due: bool,
     /// When the PC was last heard, or could first have been.
     heard: Option<Instant>,
@@ -62,7 +65,7 @@ impl Pc {
             settings,
             news: false,
             hello_at: Instant::MAX,
-            said_hello: false,
+            hello_said: None,
             report_due: false,
             heard: None,
             silent: false,
@@ -84,7 +87,8 @@ impl Pc {
     /// The list of servos has changed, or one of them was away: a hello is due.
     pub fn tell_news(&mut self, now: Instant) {
         self.news = true;
-        self.hello_at = now;
+        let soonest = self.hello_said.map_or(now, |said| said + HELLO_DISTANCE);
+        self.hello_at = self.hello_at.min(soonest.max(now));
     }
 
     /// A cycle is complete.
@@ -113,7 +117,7 @@ impl Pc {
     ) -> Option<&'b [u8]> {
         let packet = if (self.news || self.silent) && now >= self.hello_at {
             self.hello_at = now + HELLO_PERIOD;
-            self.said_hello = true;
+            self.hello_said = Some(now);
             count(&mut self.counters.hellos_sent, 1);
             hello(roster, out)
         } else if self.report_due {
@@ -146,7 +150,7 @@ impl Pc {
         now: Instant,
     ) -> Result<(), Refusal> {
         let goals = Goals::parse(params, roster.agreed());
-        let answer = if self.said_hello {
+        let answer = if self.hello_said.is_some() {
             Answer::parse(params, roster.told().count())
         } else {
             Err(Refusal::Length(params.len()))
