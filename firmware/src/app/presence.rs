@@ -11,7 +11,6 @@ use embassy_time::{Duration, Timer};
 pub(super) const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
 /// How long a watchdog must bear without food. It is fed every 50 ms at the least; the last time is
 /// 91 ms after a task has hung at the latest, and the board is to start again within 500 ms.
-///
 pub const WATCHDOG_PERIOD: Duration = Duration::from_millis(400);
 /// How long it must bear after [`before_erase`](crate::ports::SystemPort::before_erase), with
 /// nothing driven. Erasing a sector of 16 KiB stalls the core of an STM32F4 for 500 ms at the most;
