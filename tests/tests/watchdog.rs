@@ -16,10 +16,10 @@ use firmware::controller::Controller;
 use firmware::personality::pms5005::{Boot, Pms5005};
 use firmware::ports::{MotionInputs, MotionPort, Outputs};
 use firmware::settings::Settings;
-use hal_mock::board::VirtualBoard;
+use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::tasks::{self, Task};
 use hal_mock::wire::Line;
-use protocol::pms5005::extension::Fault;
+use protocol::pms5005::extension::{Fault, did};
 use protocol::pms5005::{Channel, Quantity};
 use tests::Bench;
 
@@ -74,6 +74,20 @@ fn a_task_that_hangs_switches_everything_off_within_100_ms_and_restarts_the_boar
         assert!(soonest_off >= 35 && latest_off <= 100, "{task:?}");
         assert!(soonest_reset >= 350 && latest_reset <= 500, "{task:?}");
     }
+}
+
+#[test]
+fn the_longest_answer_on_the_slowest_line_is_no_hang() {
+    let make = Make { line_rate: 9600, ..Make::default() };
+    let mut bench = Bench::with(make);
+    bench.drive(Quantity::Pwm, 0, 16384 + 4000, 0);
+    for _ in 0..20 {
+        bench.send_raw(did::COUNTERS, &[]);
+        bench.run_ms(500);
+        assert_eq!(bench.bridge(0), (4000, true));
+    }
+    assert!(bench.received().iter().any(|frame| frame.did == did::COUNTERS));
+    assert_eq!(latched(&bench), []);
 }
 
 #[test]
