@@ -2,7 +2,7 @@
 //!
 //! Fixed point throughout, so that the same inputs give the same bits on every machine.
 
-use fixed::types::I24F8;
+use fixed::types::{I18F14, I24F8};
 
 /// One control period in milliseconds: the controller runs at 1 kHz, and the times that hosts put
 /// on the wire are numbers of these.
@@ -16,6 +16,9 @@ pub type Counts = I24F8;
 
 /// A velocity in counts of the sensor in use per second. Saturates at 8.3 million.
 pub type CountsPerSecond = I24F8;
+
+/// Drive before it is limited, in parts of full drive. Its last bit is that of a [`Duty`].
+pub type Drive = I18F14;
 
 /// Drive of a bridge: -16384 (full reverse) to 16384 (full forward), 0 is neutral.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]

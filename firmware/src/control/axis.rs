@@ -14,18 +14,15 @@
 //!   in the periods that were left (at once, if it had no time or its time was over).
 //! - After a stop by link loss nothing moves before the next motion command; a resume holds.
 
-use fixed::{
-    FixedI32,
-    types::{I32F32, extra::U24},
-};
+use fixed::{FixedI32, types::extra::U24};
 use protocol::pms5005::{Loop, Method, Polarity, Sensor};
 
-use super::pid::{Gains, HostGains, Limits, Pid};
+use super::pid::{Error, Gains, HostGains, Limits, Pid, Rate};
 use super::ring::Scale;
 use super::saturate;
 use super::trajectory::Ramp;
 use crate::ports::MotorOutput;
-use crate::units::{Counts, CountsPerSecond, Duty};
+use crate::units::{Counts, CountsPerSecond, Drive, Duty};
 
 /// Periods in which a stop by link loss brings the set-point to rest, and after which the bridge
 /// is switched off (a stop of category 1 in the sense of IEC 60204-1).
@@ -116,9 +113,9 @@ pub struct Axis {
     pid: Pid,
     last_velocity: CountsPerSecond,
     /// Logical drive of the last period.
-    drive: I32F32,
+    drive: Drive,
     /// The drive that the channel crosses over from, and the periods that are left to do so.
-    old_drive: I32F32,
+    old_drive: Drive,
     handover: u8,
 }
 
@@ -140,8 +137,8 @@ impl Axis {
             ramp: Ramp::NONE,
             pid: Pid::new(),
             last_velocity: CountsPerSecond::ZERO,
-            drive: I32F32::ZERO,
-            old_drive: I32F32::ZERO,
+            drive: Drive::ZERO,
+            old_drive: Drive::ZERO,
             handover: 0,
         }
     }
@@ -346,13 +343,13 @@ impl Axis {
         let rate = now.velocity.saturating_sub(self.last_velocity);
         self.last_velocity = now.velocity;
         if !matches!(self.state, State::Running | State::Stopping(_)) {
-            self.drive = I32F32::ZERO;
+            self.drive = Drive::ZERO;
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
         let slope = CountsPerSecond::from_bits(self.ramp.slope());
         self.move_set_point();
         let own = match self.method {
-            Method::Pwm => self.to_logical(I32F32::from_bits(i64::from(self.set_point) << 18)),
+            Method::Pwm => self.to_logical(Drive::from_bits(self.set_point)),
             Method::Position => self.position_loop(now, slope, limits),
             Method::Velocity => self.velocity_loop(now, rate, limits),
         };
@@ -360,23 +357,30 @@ impl Axis {
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
-    fn position_loop(&mut self, now: Reading, slope: CountsPerSecond, limits: &Limits) -> I32F32 {
+    fn position_loop(&mut self, now: Reading, slope: CountsPerSecond, limits: &Limits) -> Drive {
         let error = scale(self.sensor).difference(Counts::from_bits(self.set_point), now.position);
         // On a ramp the shaft is meant to move: only what differs from the slope is damped.
         let rate = now.velocity.saturating_sub(slope);
-        let forward = self.feed_forward.wide_mul(slope);
-        self.pid.step(&self.position.gains, error, rate, forward, limits)
+        let (error, rate) = (Error::of_position(error), Rate::of_position(rate));
+        self.pid.step(&self.position.gains, error, rate, self.forward(slope), limits)
     }
 
-    fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> I32F32 {
+    fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> Drive {
         let set_point = CountsPerSecond::from_bits(self.set_point);
         let error = set_point.saturating_sub(now.velocity);
-        let forward = self.feed_forward.wide_mul(set_point);
-        self.pid.step(&self.velocity.gains, error, rate, forward, limits)
+        let (error, rate) = (Error::of_velocity(error), Rate::of_velocity(rate));
+        self.pid.step(&self.velocity.gains, error, rate, self.forward(set_point), limits)
+    }
+
+    /// The drive that makes this velocity, as far as is known.
+    fn forward(&self, velocity: CountsPerSecond) -> Drive {
+        const MOST: i64 = 1 << 27;
+        let bits = self.feed_forward.wide_mul(velocity).to_bits() >> 18;
+        Drive::from_bits(saturate(bits.clamp(-MOST, MOST)))
     }
 
     /// The loop's own drive, or on the way there from the old one.
-    fn cross_over(&mut self, own: I32F32) -> I32F32 {
+    fn cross_over(&mut self, own: Drive) -> Drive {
         if self.handover == 0 {
             return own;
         }
@@ -455,7 +459,7 @@ impl Axis {
     }
 
     /// Bridge drive to logical drive, and back.
-    fn to_logical(&self, drive: I32F32) -> I32F32 {
+    fn to_logical(&self, drive: Drive) -> Drive {
         match self.polarity {
             Polarity::Positive => drive,
             Polarity::Negative => drive.saturating_neg(),
@@ -478,7 +482,6 @@ pub fn scale(sensor: Sensor) -> Scale {
     }
 }
 
-/// Drive in parts of full drive to a duty, rounded to the nearest.
-fn to_duty(drive: I32F32) -> Duty {
-    Duty::from_raw(saturate(drive.to_bits().saturating_add(1 << 17) >> 18))
+fn to_duty(drive: Drive) -> Duty {
+    Duty::from_raw(drive.to_bits())
 }

@@ -7,14 +7,13 @@
 //!
 //! What it costs: a few comparisons a period while the bridge is on, nothing while it is off.
 
-use fixed::types::I32F32;
 use protocol::pms5005::extension::Fault;
 use protocol::pms5005::{Method, Sensor};
 
 use crate::control::axis::{Reading, scale};
 use crate::control::pid::Limits;
 use crate::settings::{ChannelFaultSettings, SoftLimits};
-use crate::units::{Counts, CountsPerSecond, Duty};
+use crate::units::{Counts, CountsPerSecond, Drive, Duty};
 
 /// Less is noise: of a converter, or of an encoder that stands on an edge.
 const STILL: Counts = Counts::const_from_int(8);
@@ -83,7 +82,7 @@ impl ChannelMonitor {
     /// Narrows the drive that is allowed by what over-current takes.
     pub fn limit(&self, limits: &mut Limits) {
         if self.reduction > 0 {
-            let most = I32F32::from_bits(i64::from(FULL.saturating_sub(self.reduction)) << 18);
+            let most = Drive::from_bits(FULL.saturating_sub(self.reduction).into());
             limits.high = limits.high.min(most);
             limits.low = limits.low.max(most.saturating_neg());
         }
@@ -225,9 +224,9 @@ pub fn hold_within(soft: &SoftLimits, now: Reading, sensor: Sensor, limits: &mut
         (span.wrapping_shr(1), low.saturating_add(span.wrapping_shr(1)));
     let off = scale(sensor).difference(now.position, middle);
     if off >= half {
-        limits.high = I32F32::ZERO;
+        limits.high = Drive::ZERO;
     }
     if off <= half.saturating_neg() {
-        limits.low = I32F32::ZERO;
+        limits.low = Drive::ZERO;
     }
 }

@@ -1,9 +1,9 @@
 //! `firmware::control::pid`, with what its caller does for it: error and rate. Beyond the peers it
-//! takes a feed-forward and limits that may change every tick, and has 40 bits behind the point of
+//! takes a feed-forward and limits that may change every tick, and has 54 bits behind the point of
 //! its integral.
 
-use firmware::control::pid::{Gains, HostGains, Limits, Pid};
-use fixed::types::{I24F8, I32F32};
+use firmware::control::pid::{Error, Gains, HostGains, Limits, Pid, Rate};
+use firmware::units::{Counts, Drive};
 use protocol::pms5005::Loop;
 
 use super::{Bank, CHANNELS, GAIN_BITS, KD, KI, KP};
@@ -12,12 +12,12 @@ use super::{Bank, CHANNELS, GAIN_BITS, KD, KI, KP};
 struct Channel {
     pid: Pid,
     gains: Gains,
-    last: I24F8,
+    last: Counts,
 }
 
 pub struct Ours {
     channels: [Channel; CHANNELS],
-    feed_forward: [I32F32; CHANNELS],
+    feed_forward: [Drive; CHANNELS],
     limits: Limits,
 }
 
@@ -32,37 +32,38 @@ impl Ours {
         };
         let gains = Gains::new(Loop::Position, gains);
         Self {
-            channels: [Channel { pid: Pid::new(), gains, last: I24F8::ZERO }; CHANNELS],
-            feed_forward: [I32F32::ZERO; CHANNELS],
+            channels: [Channel { pid: Pid::new(), gains, last: Counts::ZERO }; CHANNELS],
+            feed_forward: [Drive::ZERO; CHANNELS],
             limits: Limits::FULL,
         }
     }
 }
 
 impl Bank for Ours {
-    type Count = I24F8;
-    type Drive = I32F32;
+    type Count = Counts;
+    type Drive = Drive;
 
-    fn count(count: i16) -> I24F8 {
-        I24F8::from_num(count)
+    fn count(count: i16) -> Counts {
+        Counts::from_num(count)
     }
 
-    fn duty(drive: I32F32) -> i32 {
-        drive.saturating_mul_int(super::FULL.into()).to_num()
+    fn duty(drive: Drive) -> i32 {
+        drive.to_bits()
     }
 
     fn tick(
         &mut self,
-        set_points: &[I24F8; CHANNELS],
-        measured: &[I24F8; CHANNELS],
-        drives: &mut [I32F32; CHANNELS],
+        set_points: &[Counts; CHANNELS],
+        measured: &[Counts; CHANNELS],
+        drives: &mut [Drive; CHANNELS],
     ) {
-        for (i, channel) in self.channels.iter_mut().enumerate() {
-            let error = set_points[i].saturating_sub(measured[i]);
-            let rate = measured[i].saturating_sub(channel.last);
-            channel.last = measured[i];
-            let forward = self.feed_forward[i];
-            drives[i] = channel.pid.step(&channel.gains, error, rate, forward, &self.limits);
+        let channels = self.channels.iter_mut().zip(&self.feed_forward);
+        let inputs = set_points.iter().zip(measured).zip(drives);
+        for ((channel, forward), ((set_point, measured), drive)) in channels.zip(inputs) {
+            let error = Error::of_position(set_point.saturating_sub(*measured));
+            let rate = Rate::of_position(measured.saturating_sub(channel.last));
+            channel.last = *measured;
+            *drive = channel.pid.step(&channel.gains, error, rate, *forward, &self.limits);
         }
     }
 }
