@@ -9,8 +9,9 @@ use protocol::pms5005::CHANNELS;
 
 use crate::units::{Duty, ServoPulse};
 
-/// What is measured afresh for every control period.
+/// What is measured afresh for every control period. Aligned, and so copied word by word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(align(4))]
 pub struct MotionInputs {
     /// Potentiometers 1 to 6, A/D counts 0 to 4095.
     pub potentiometers: [u16; CHANNELS],
@@ -20,8 +21,10 @@ pub struct MotionInputs {
     pub encoders: [u16; 2],
 }
 
-/// What is measured as fast as it comes, several times a second.
+/// What is measured as fast as it comes, several times a second. Aligned, and so copied word by
+/// word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(align(4))]
 pub struct Sensors {
     /// Custom A/D channels, A/D counts 0 to 4095.
     pub custom_ad: [u16; 8],

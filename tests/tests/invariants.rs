@@ -331,7 +331,7 @@ fn chaos(seed: u64) -> [u32; 32] {
             }
         }
         if period % 5 == 0
-            && let Some(frame) = session.transmit(now, &snapshot, &mut out)
+            && let Some(frame) = session.transmit(now, || snapshot, &mut out)
         {
             assert!(Frame::parse(frame).is_some(), "what is sent is intact");
             sent += 1;

@@ -20,15 +20,15 @@
 //! times over; there are no statics here.
 
 mod bridge;
+mod latest;
 mod presence;
 mod roll;
 
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either, Either3, select, select3};
 use embassy_futures::yield_now;
-use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
@@ -38,12 +38,13 @@ use embedded_storage::nor_flash::NorFlash;
 use protocol::pms5005::extension::Fault;
 
 use crate::command::Command;
-use crate::controller::{Controller, Snapshot};
+use crate::controller::Controller;
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
 use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
 pub use bridge::{bridge, bridge_presence};
+pub use latest::{Latest, LatestSnapshot};
 use presence::CHECK_IN_PERIOD;
 pub use presence::{ERASE_PERIOD, Presence, WATCHDOG_PERIOD};
 pub use roll::Roll;
@@ -63,33 +64,13 @@ const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64)
 /// acknowledgement behind the longest frame take 25 ms at 115200 baud.
 const FAREWELL: Duration = Duration::from_millis(100);
 
-/// The newest value of something, for readers that do not want to wait.
-pub struct Latest<M: RawMutex, T: Copy>(Mutex<M, Cell<T>>);
-
-impl<M: RawMutex, T: Copy> Latest<M, T> {
-    /// With a value to begin with.
-    pub const fn new(value: T) -> Self {
-        Self(Mutex::new(Cell::new(value)))
-    }
-
-    /// The newest value.
-    pub fn get(&self) -> T {
-        self.0.lock(Cell::get)
-    }
-
-    /// Replaces the value.
-    pub fn set(&self, value: T) {
-        self.0.lock(|cell| cell.set(value));
-    }
-}
-
 /// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     pictures: Channel<M, Picture, PICTURES>,
     roll: Roll<M>,
     /// The newest state of the controller.
-    pub snapshot: Latest<M, Snapshot>,
+    pub snapshot: LatestSnapshot<M>,
     /// The newest reading of the slow sensors.
     pub sensors: Latest<M, Sensors>,
     /// What the session has counted.
@@ -110,7 +91,7 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
             commands: Channel::new(),
             pictures: Channel::new(),
             roll: Roll::new(),
-            snapshot: Latest::new(Snapshot::BOOT),
+            snapshot: LatestSnapshot::new(),
             sensors: Latest::new(Sensors::UNKNOWN),
             link: Latest::new(C::default()),
             signs_of_life: Latest::new(0),
@@ -165,7 +146,7 @@ pub async fn control<M: RawMutex, C: Copy>(
         port.drive(&snapshot.outputs);
         worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
-        channels.snapshot.set(snapshot);
+        channels.snapshot.set(&snapshot);
     }
 }
 
@@ -328,11 +309,8 @@ pub async fn link<M: RawMutex, S: Session>(
         let mut buffer = [0; MAX_FRAME];
         loop {
             channels.roll.answer(Task::Transmit);
-            // A frame may take long to send; a snapshot is not kept for so long.
-            let frame = {
-                let snapshot = channels.snapshot.get();
-                session.borrow_mut().transmit(Instant::now(), &snapshot, &mut buffer)
-            };
+            let snapshot = || channels.snapshot.get();
+            let frame = session.borrow_mut().transmit(Instant::now(), snapshot, &mut buffer);
             match frame {
                 Some(frame) => {
                     publish();

@@ -86,11 +86,11 @@ pub trait Session {
     fn wakes_at(&self) -> Option<Instant>;
 
     /// The next frame to send, written into `out`; `None` if there is nothing to say now. Call it
-    /// whenever the line is free.
+    /// whenever the line is free. Few frames need the snapshot, which is dear.
     fn transmit<'b>(
         &mut self,
         now: Instant,
-        snapshot: &Snapshot,
+        snapshot: impl FnOnce() -> Snapshot,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]>;
 

@@ -173,7 +173,7 @@ impl Session for PioneerArm {
     fn transmit<'b>(
         &mut self,
         now: Instant,
-        snapshot: &Snapshot,
+        snapshot: impl FnOnce() -> Snapshot,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
         let Answers { settings, arm, .. } = &self.answers;
@@ -184,7 +184,7 @@ impl Session for PioneerArm {
             Answer::Echo(packet) => packet.encode(out),
             Answer::Status => status.encode(dialect, out),
             Answer::Info => info.encode(out),
-            Answer::Standard => standard(snapshot).encode(out),
+            Answer::Standard => standard(&snapshot()).encode(out),
         };
         packet.ok().map(|packet| &*packet)
     }

@@ -176,7 +176,7 @@ impl Session for Pms5005 {
     fn transmit<'b>(
         &mut self,
         now: Instant,
-        snapshot: &Snapshot,
+        snapshot: impl FnOnce() -> Snapshot,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
         let due = self.answers.next(now)?;
@@ -184,9 +184,9 @@ impl Session for Pms5005 {
         let frame = match due {
             Due::Ack => ACK.encode(out),
             Due::Ping => PING.encode(out),
-            Due::Stream(Topic::Telemetry(reports)) => report(reports, snapshot).encode(out),
-            Due::Stream(Topic::Health) => extension.health(now, snapshot).encode(out),
-            Due::Answer(owed) => extension.answer(owed, snapshot, &self.counters())?.encode(out),
+            Due::Stream(Topic::Telemetry(reports)) => report(reports, &snapshot()).encode(out),
+            Due::Stream(Topic::Health) => extension.health(now, &snapshot()).encode(out),
+            Due::Answer(owed) => extension.answer(owed, &snapshot(), &self.counters())?.encode(out),
         };
         frame.ok().map(|frame| &*frame)
     }
