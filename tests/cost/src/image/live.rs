@@ -26,6 +26,18 @@ use crate::machine::{Interrupt, TICKS_PER_US, ticks};
 
 type Channels = app::Channels<CriticalSectionRawMutex, LinkCounters>;
 
+unsafe extern "C" {
+    /// See [`phase`].
+    #[link_name = "phase"]
+    static PHASE: u32;
+}
+
+/// By how many ticks the host's line is late: what QEMU was told to put there, or 0.
+fn phase() -> u32 {
+    // SAFETY: the linker script keeps the word for this, and nobody writes it.
+    unsafe { (&raw const PHASE).read_volatile() }
+}
+
 /// Ticks of a control period, 1 ms.
 const PERIOD: u32 = 1000 * TICKS_PER_US;
 /// Control periods with the line silent, and with it saturated.
@@ -172,7 +184,8 @@ pub fn cases() {
     // A frame comes every 1.0 ms; the longest telemetry frame holds up the answers for 4.3 ms.
     assert!(owed <= 6 && counters.acks_dropped == 0, "acknowledgements were lost: {counters:?}");
     assert_eq!((counters.bytes_skipped, counters.line_errors), (0, 0), "bytes were lost");
-    assert!(jitter < PERIOD as i32, "a control period was missed");
+    let missed = channels.snapshot.get().counters.periods_missed;
+    assert!(missed == 0 && jitter < PERIOD as i32, "a control period was missed");
     hprintln!("live-silent/ours {} {} 1", silent, SILENT_PERIODS);
     hprintln!("live-saturated/ours {} {} 1", saturated, SATURATED_PERIODS);
     hprintln!("jitter/ours {} 1 1", jitter);
@@ -348,8 +361,9 @@ impl Read for Host {
 impl Host {
     /// What the DMA would have done since the last time. It costs some instructions a byte.
     fn fill(&mut self) {
-        let since = self.byte_at.get_or_insert_with(ticks);
-        let bytes = ticks().wrapping_sub(*since) / BYTE;
+        let since = self.byte_at.get_or_insert_with(|| ticks().wrapping_add(phase()));
+        // The first byte is still to come, and then nothing has.
+        let bytes = (ticks().wrapping_sub(*since) as i32).max(0) as u32 / BYTE;
         *since = since.wrapping_add(bytes * BYTE);
         for _ in 0..bytes {
             let place = self.ring.head % self.ring.bytes.len();
