@@ -6,7 +6,7 @@ use firmware::control::pid::{Error, Gains, HostGains, Limits, Pid, Rate};
 use firmware::units::{Counts, Drive};
 use protocol::pms5005::Loop;
 
-use super::{Bank, CHANNELS, GAIN_BITS, KD, KI, KP};
+use super::{Bank, CHANNELS, GAIN_BITS, KD, KI, KP, for_each_channel};
 
 #[derive(Clone, Copy)]
 struct Channel {
@@ -57,13 +57,13 @@ impl Bank for Ours {
         measured: &[Counts; CHANNELS],
         drives: &mut [Drive; CHANNELS],
     ) {
-        let channels = self.channels.iter_mut().zip(&self.feed_forward);
-        let inputs = set_points.iter().zip(measured).zip(drives);
-        for ((channel, forward), ((set_point, measured), drive)) in channels.zip(inputs) {
-            let error = Error::of_position(set_point.saturating_sub(*measured));
-            let rate = Rate::of_position(measured.saturating_sub(channel.last));
-            channel.last = *measured;
-            *drive = channel.pid.step(&channel.gains, error, rate, *forward, &self.limits);
-        }
+        let Self { channels, feed_forward, limits } = self;
+        for_each_channel(|i| {
+            let channel = &mut channels[i];
+            let error = Error::of_position(set_points[i].saturating_sub(measured[i]));
+            let rate = Rate::of_position(measured[i].saturating_sub(channel.last));
+            channel.last = measured[i];
+            drives[i] = channel.pid.step(&channel.gains, error, rate, feed_forward[i], limits);
+        });
     }
 }

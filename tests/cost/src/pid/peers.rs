@@ -5,7 +5,7 @@ use dsp_process::SplitProcess;
 use fixed::types::I16F16;
 use idsp::iir::{Biquad, BiquadClamp, DirectForm1};
 
-use super::{Bank, CHANNELS, FULL, GAIN_BITS, KD, KI, KP, part_of_full};
+use super::{Bank, CHANNELS, FULL, GAIN_BITS, KD, KI, KP, for_each_channel, part_of_full};
 
 /// The highest drive here: one less than full, so that limiting is one instruction (SSAT).
 const HIGHEST: i32 = FULL - 1;
@@ -48,7 +48,8 @@ impl Bank for PlainI16 {
         drives: &mut [i16; CHANNELS],
     ) {
         const LIMIT: i32 = FULL << GAIN_BITS;
-        for (i, channel) in self.0.iter_mut().enumerate() {
+        for_each_channel(|i| {
+            let channel = &mut self.0[i];
             let error = i32::from(set_points[i].wrapping_sub(measured[i]));
             let rate = i32::from(measured[i].wrapping_sub(channel.last));
             channel.last = measured[i];
@@ -59,7 +60,7 @@ impl Bank for PlainI16 {
                 .wrapping_add(channel.integral)
                 .wrapping_sub(i32::from(channel.kd).wrapping_mul(rate));
             drives[i] = (drive >> GAIN_BITS).clamp(-FULL, HIGHEST) as i16; // fits
-        }
+        });
     }
 }
 
@@ -106,7 +107,8 @@ impl Bank for PlainI64 {
         measured: &[i32; CHANNELS],
         drives: &mut [i32; CHANNELS],
     ) {
-        for (i, channel) in self.0.iter_mut().enumerate() {
+        for_each_channel(|i| {
+            let channel = &mut self.0[i];
             let error = set_points[i].wrapping_sub(measured[i]);
             let rate = measured[i].wrapping_sub(channel.last);
             channel.last = measured[i];
@@ -119,7 +121,7 @@ impl Bank for PlainI64 {
                 channel.integral = channel.integral.saturating_add(channel.ki.wrapping_mul(error));
             }
             drives[i] = drive;
-        }
+        });
     }
 }
 
@@ -172,9 +174,10 @@ impl Bank for IdspI32 {
         measured: &[i32; CHANNELS],
         drives: &mut [i32; CHANNELS],
     ) {
-        for (i, (filter, state)) in self.filters.iter().zip(&mut self.states).enumerate() {
-            drives[i] = filter.process(state, set_points[i].wrapping_sub(measured[i]));
-        }
+        for_each_channel(|i| {
+            drives[i] = self.filters[i]
+                .process(&mut self.states[i], set_points[i].wrapping_sub(measured[i]));
+        });
     }
 }
 
@@ -217,9 +220,9 @@ impl Bank for IdspF32 {
         measured: &[f32; CHANNELS],
         drives: &mut [f32; CHANNELS],
     ) {
-        for (i, (filter, state)) in self.filters.iter().zip(&mut self.states).enumerate() {
-            drives[i] = filter.process(state, set_points[i] - measured[i]);
-        }
+        for_each_channel(|i| {
+            drives[i] = self.filters[i].process(&mut self.states[i], set_points[i] - measured[i]);
+        });
     }
 }
 
@@ -283,7 +286,8 @@ impl Bank for FixedWrapping {
         drives: &mut [I16F16; CHANNELS],
     ) {
         let limit = |value: I16F16| value.clamp(I16F16::NEG_ONE, I16F16::ONE);
-        for (i, channel) in self.0.iter_mut().enumerate() {
+        for_each_channel(|i| {
+            let channel = &mut self.0[i];
             let error = set_points[i].wrapping_sub(measured[i]);
             let rate = measured[i].wrapping_sub(channel.last);
             channel.last = measured[i];
@@ -295,7 +299,7 @@ impl Bank for FixedWrapping {
                     .wrapping_add(channel.integral)
                     .wrapping_sub(channel.kd.wrapping_mul(rate)),
             );
-        }
+        });
     }
 }
 
@@ -318,7 +322,8 @@ impl Bank for FixedSaturating {
         drives: &mut [I16F16; CHANNELS],
     ) {
         let limit = |value: I16F16| value.clamp(I16F16::NEG_ONE, I16F16::ONE);
-        for (i, channel) in self.0.iter_mut().enumerate() {
+        for_each_channel(|i| {
+            let channel = &mut self.0[i];
             let error = set_points[i].saturating_sub(measured[i]);
             let rate = measured[i].saturating_sub(channel.last);
             channel.last = measured[i];
@@ -331,7 +336,7 @@ impl Bank for FixedSaturating {
                     .saturating_add(channel.integral)
                     .saturating_sub(channel.kd.saturating_mul(rate)),
             );
-        }
+        });
     }
 }
 
@@ -366,9 +371,10 @@ impl Bank for PidCrate {
         measured: &[f32; CHANNELS],
         drives: &mut [f32; CHANNELS],
     ) {
-        for (i, channel) in self.0.iter_mut().enumerate() {
+        for_each_channel(|i| {
+            let channel = &mut self.0[i];
             channel.setpoint = set_points[i];
             drives[i] = channel.next_control_output(measured[i]).output;
-        }
+        });
     }
 }
