@@ -86,12 +86,13 @@ impl Gains {
     pub fn new(control_loop: Loop, gains: HostGains) -> Self {
         let kp = i32::from(gains.kp.min(MAX_KP));
         let (ki_shift, kp_per_period, kd_shift) = match control_loop {
-            Loop::Position => (28, 0, 22),
+            Loop::Position => (16, 0, 22),
             // An error of 1 is 16 counts/s, so that Kp is worth the same; a rate of 1 is 1/32.
-            Loop::Velocity => (30, kp << (23_u32.saturating_sub(RESET_TIME_SHIFT)), 15),
+            Loop::Velocity => (14, kp << (23_u32.saturating_sub(RESET_TIME_SHIFT)), 15),
         };
-        // Ki a second is Ki / 1000 a period, and it counts hundredths: 2^ki_shift / 100_000.
-        let ki = (i64::from(gains.ki_hundredths) << ki_shift).saturating_add(50_000) / 100_000;
+        // Ki a second is Ki / 1000 a period, and it counts hundredths. A product of 16 and 28 bits.
+        const PERIOD_HUNDREDTH: i64 = (1 << 44) / 100_000;
+        let ki = i64::from(gains.ki_hundredths).wrapping_mul(PERIOD_HUNDREDTH) >> ki_shift;
         let kd = i32::from(gains.kd).min(i32::MAX >> kd_shift);
         Self {
             kp: FixedI32::from_bits(kp << 15),
