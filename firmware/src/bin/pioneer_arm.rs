@@ -6,6 +6,7 @@ mod tasks;
 
 use embassy_time::Instant;
 use firmware::personality::pioneer_arm::PioneerArm;
+use firmware::personality::pms5005::Boot;
 use firmware::settings::Settings;
 
 type Host = PioneerArm;
@@ -13,6 +14,6 @@ type Host = PioneerArm;
 /// What the hosts of ARCOS robots open by default. 115200 here would need the same of the host.
 const HOST_BAUD: u32 = 9600;
 
-fn host(now: Instant) -> Host {
-    PioneerArm::new(Settings::DEFAULT.arm, now)
+fn host(settings: Settings, _boot: Boot, now: Instant) -> Host {
+    PioneerArm::new(settings.arm, now)
 }

@@ -8,10 +8,12 @@
 //! TIM5's compare channels, a receive interrupt and polled sending for the UART's DMA.
 
 mod bridge;
+mod chip;
 mod gdb;
 mod machine;
 mod process;
 mod script;
+mod settings;
 mod simulated;
 
 use gdb::{PC, SP};
@@ -154,7 +156,7 @@ fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_panic_puts_the_outputs_into_their_safe_state() {
-    let panic = gdb::function(&image(IMAGE), "panic_bounds_check");
+    let panic = gdb::symbol(&image(IMAGE), "panic_bounds_check");
     let mut machine = Machine::boot("panic", IMAGE, &[]);
     set_everything_going(&mut machine);
     machine.forget();
