@@ -314,7 +314,8 @@ pub async fn link<M: RawMutex, S: Session>(
                             Timer::after(CONTROL_PERIOD).await;
                         }
                         channels.hold.set(true); // until it is done
-                        channels.upkeep.send(task).await;
+                        // There is room: the session has been told of the one before.
+                        let _ = channels.upkeep.try_send(task);
                     }
                     Some(Request::Show(picture)) => {
                         // A display that hangs must not hold up the command that stops a motor.

@@ -5,6 +5,7 @@
 mod tasks;
 
 use embassy_time::Instant;
+use firmware::app::upkeep;
 use firmware::personality::pms5005::{Boot, Pms5005};
 use firmware::settings::Settings;
 
