@@ -46,7 +46,8 @@ const STAGE: Stage = Stage::LockedAntiPhase;
 /// The crystal.
 const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
 
-/// Whether the ROM's loader, which brings up the UARTs and the CAN beside USB, drives no enable line.
+/// Whether the ROM's loader, which brings up more than USB, leaves the enable lines alone: none of its
+/// lines is on port E (AN2606).
 pub(super) const LOADER_IS_SAFE: bool = true;
 
 static DRIVES: Drives = Drives {

@@ -156,7 +156,10 @@ impl Chip {
             }
             _ if FLASH.contains(&address) => {
                 assert_eq!(self.control, CR_PG | CR_WORDS, "a store to {address:#x}");
-                assert!(SETTINGS.contains(&address) && address % 4 == 0, "a store to {address:#x}");
+                assert!(
+                    SETTINGS.contains(&address) && address.is_multiple_of(4),
+                    "a store to {address:#x}"
+                );
                 Effect::Program(address, value)
             }
             _ => panic!("a store to {address:#x}"),

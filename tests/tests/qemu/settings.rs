@@ -263,6 +263,12 @@ fn the_stacks_high_water_mark_is_the_deepest_word_that_was_ever_used() {
         machine.stopped(|gdb| STACK.step_by(4).find(|&at| gdb.word(at) != PAINT)).unwrap();
     assert!((used..used + 512).contains(&(STACK.end - deepest)), "{used} and {deepest:#x}");
 
+    // A save is the deepest that we know of.
+    assert_eq!(save(&mut machine), Verdict::Done);
+    let saving = stack_used(&mut machine);
+    assert!((used + 1024..12 * 1024).contains(&saving), "{saving} bytes");
+    println!("{used} bytes of stack at rest, {saving} for a save");
+
     machine.stopped(|gdb| gdb.set_bytes(STACK.start + 0x100, &[0; 4]));
     assert_eq!(stack_used(&mut machine), STACK.end - STACK.start - 0x100);
 }
