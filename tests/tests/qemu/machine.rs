@@ -68,6 +68,8 @@ pub struct Machine {
     seen: String,
     /// What the machine lacks.
     pub chip: Chip,
+    /// It stands in the loader.
+    stands: bool,
     qemu: Qemu,
 }
 
@@ -109,63 +111,76 @@ impl Machine {
             log: File::open(qemu.path("log")).unwrap(),
             seen: String::new(),
             chip: Chip::new(reset),
+            stands: false,
             qemu,
         };
         machine.gdb.set_bytes(SETTINGS.start, &settings.image());
-        assert!(machine.serve_stopped() > 0, "the image has not started its clocks");
+        machine.serve_stopped();
+        assert!(machine.chip.is_touched, "the image has not started its clocks");
         machine
     }
 
-    /// Serves the image that has been told to restart through its reset and the start behind it.
-    pub fn restarts(&mut self) {
-        self.chip = Chip::new(Reset::Software);
-        assert!(self.serve() > 0, "the image does not restart");
+    /// Sends a command, and serves what the machine lacks until nothing has been asked of it for a
+    /// while.
+    pub fn serve(&mut self, command: pms5005::Command<'_>) {
+        self.gdb.stop(); // or it may be faster than we are
+        self.send(command);
+        self.serve_stopped();
     }
 
-    /// Serves the image that has been told to restart into the ROM's loader, up to the loader's entry,
-    /// where the machine stands from then on. The stack pointer there.
-    pub fn enters_loader(&mut self) -> u32 {
-        self.restarts();
-        assert_eq!(self.gdb.register(PC), LOADER_ENTRY & !1, "this is not the loader's entry");
+    /// Sends a command that makes the image restart, and serves it through the reset and the start.
+    pub fn restart(&mut self, command: pms5005::Command<'_>) {
+        self.chip = Chip::new(Reset::Software);
+        self.serve(command);
+        assert!(self.chip.is_touched, "the image does not restart");
+    }
+
+    /// Sends a command that makes the image restart into the ROM's loader, and serves it up to the
+    /// loader's entry. There the machine stands until it is reset. The stack pointer there.
+    pub fn enter_loader(&mut self, command: pms5005::Command<'_>) -> u32 {
+        self.chip = Chip::new(Reset::Software);
+        self.serve(command);
+        assert!(self.stands, "the image does not enter the loader");
         self.gdb.register(SP)
     }
 
-    /// Resets the machine that stands in the loader, and serves the start behind it.
-    pub fn leaves_loader(&mut self) {
+    /// Resets the machine, which stands in the loader or runs, with this word of memory set, and serves
+    /// the start behind it.
+    pub fn reset(&mut self, reset: Reset, (address, word): (u32, u32)) {
+        if !self.stands {
+            self.gdb.stop();
+        }
+        self.gdb.set_bytes(address, &word.to_le_bytes());
         self.gdb.reset();
-        self.chip = Chip::new(Reset::Software);
-        assert!(self.serve_stopped() > 0, "the image does not start");
+        self.chip = Chip::new(reset);
+        self.serve_stopped();
+        assert!(self.chip.is_touched, "the image does not start");
     }
 
-    /// Serves what the machine lacks until nothing has been asked of it for a while; says how often
-    /// it was.
-    pub fn serve(&mut self) -> usize {
-        self.gdb.stop();
-        self.serve_stopped()
-    }
-
-    fn serve_stopped(&mut self) -> usize {
+    fn serve_stopped(&mut self) {
         self.watch(true);
+        self.stands = false;
         let mut stops = 0;
         loop {
             self.gdb.run();
-            // The slowest step of the start between two accesses takes microseconds; a program is
-            // started 100 ms after that was asked for.
-            if !self.gdb.stops_within(Duration::from_millis(500)) {
+            // Between two accesses the start takes microseconds, a save 40 ms.
+            let patience = if stops == 0 { PATIENCE } else { Duration::from_millis(500) };
+            if !self.gdb.stops_within(patience) {
                 self.gdb.stop();
                 break;
             }
             stops += 1;
             assert!(stops < 1000, "the image asks for something that it never gets");
             if self.gdb.register(PC) == LOADER_ENTRY & !1 {
-                self.watch(false);
-                return stops; // nothing could be run there
+                self.stands = true; // there is nothing to run
+                break;
             }
             self.serve_access();
         }
         self.watch(false);
-        self.gdb.run();
-        stops
+        if !self.stands {
+            self.gdb.run();
+        }
     }
 
     fn watch(&mut self, on: bool) {
