@@ -186,10 +186,10 @@ pub async fn supervise<M: RawMutex, C: Copy>(
 /// Saves settings and starts programs, while control is held back and if nothing is driven: flash
 /// that is written or erased stalls the core, and with it everything that keeps a motor in check.
 ///
-/// Order: what the host has asked for before is carried out, and commands wait from then on ([`link`]);
-/// two control periods later the outputs are what they will stay; if they are off it is done, the
-/// watchdog being fed before each erase; then commands go on. What the host sends meanwhile waits in
-/// the line's buffer, or is lost and counted there.
+/// Order: what the host has asked for before is carried out, and commands wait from then on
+/// ([`link`]); two control periods later the outputs are what they will stay; if they are off it is
+/// done, the watchdog being fed before each erase; then commands go on. What the host sends
+/// meanwhile waits in the line's buffer, or is lost and counted there.
 pub async fn upkeep<M: RawMutex, C: Copy>(
     store: &mut Store<impl NorFlash>,
     system: &mut impl SystemPort,

@@ -92,8 +92,8 @@ impl<M: RawMutex> Roll<M> {
         })
     }
 
-    /// Control holds commands back and calls nobody, since who waits for a command to be carried out has
-    /// not hung: whether anything may be driven.
+    /// Control holds commands back and calls nobody, since who waits for a command to be carried
+    /// out has not hung: whether anything may be driven.
     pub(super) fn pause(&self) -> bool {
         self.change(|state| {
             state.called = true;

@@ -46,8 +46,8 @@ const STAGE: Stage = Stage::LockedAntiPhase;
 /// The crystal.
 const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
 
-/// Whether the ROM's loader, which brings up more than USB, leaves the enable lines alone: none of its
-/// lines is on port E (AN2606).
+/// Whether the ROM's loader, which brings up more than USB, leaves the enable lines alone: none of
+/// its lines is on port E (AN2606).
 pub(super) const LOADER_IS_SAFE: bool = true;
 
 static DRIVES: Drives = Drives {

@@ -51,8 +51,8 @@ use crate::settings::store::Store;
 /// The ST-LINK's MCO drives OSC_IN.
 const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Bypass };
 
-/// Not while PC10 and PC11 are enable lines: the ROM's loader brings up USART3 on them. (And the USB
-/// that it would listen on has no socket.)
+/// Not while PC10 and PC11 are enable lines: the ROM's loader brings up USART3 on them. (And the
+/// USB that it would listen on has no socket.)
 pub(super) const LOADER_IS_SAFE: bool = false;
 
 static DRIVES: Drives = Drives {

@@ -1,10 +1,10 @@
-//! The flash that holds the settings: sectors 1 to 3 of the STM32F4, 16 KiB each, between the vectors
-//! and the program (memory.x). It can touch no other.
+//! The flash that holds the settings: sectors 1 to 3 of the STM32F4, 16 KiB each, between the
+//! vectors and the program (memory.x). It can touch no other.
 //!
-//! The core stands still when it fetches from a flash that is at work: for 16 us (100 at the most) a
-//! word, for 250 ms (500 at the most) an erase, with 32 bits at a time, which take a supply of 2.7 V.
-//! embassy's clock cannot bear to miss its interrupts for more than 65 ms, and would run backwards
-//! later on; so it is stopped for an erase, and uptime is that much behind.
+//! The core stands still when it fetches from a flash that is at work: for 16 us (100 at the most)
+//! a word, for 250 ms (500 at the most) an erase, with 32 bits at a time, which take a supply of
+//! 2.7 V. embassy's clock cannot bear to miss its interrupts for more than 65 ms, and would run
+//! backwards later on; so it is stopped for an erase, and uptime is that much behind.
 //!
 //! Why not embassy's driver: it erases 8 bits at a time, which takes up to 800 ms, and leaves what
 //! was erased in the data cache (RM0090 section 3.6.4, and the data sheet's times).

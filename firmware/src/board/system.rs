@@ -2,9 +2,9 @@
 //!
 //! The ROM's loader (AN2606) expects the chip as a reset leaves it. So an order is left in RAM, the
 //! chip resets, and the next start, before it touches a clock, follows the order instead of going
-//! on. An order is followed once, and only by a start that a program has caused: whatever happens to
-//! the loader, the next reset starts the firmware. The watchdog is stopped by the reset, unless the
-//! option byte WDG_SW says otherwise.
+//! on. An order is followed once, and only by a start that a program has caused: whatever happens
+//! to the loader, the next reset starts the firmware. The watchdog is stopped by the reset, unless
+//! the option byte WDG_SW says otherwise.
 
 use core::mem::MaybeUninit;
 

@@ -1,4 +1,5 @@
-//! The independent watchdog, which bears [`WATCHDOG_PERIOD`] without food, or once [`ERASE_PERIOD`].
+//! The independent watchdog, which bears [`WATCHDOG_PERIOD`] without food, or once
+//! [`ERASE_PERIOD`].
 //!
 //! It counts at the LSI's 32 kHz (17 to 47 kHz, so nothing here is exact), and nothing but a reset
 //! stops it (RM0090 section 21). embassy's driver cannot change the period of one that runs.
@@ -25,9 +26,9 @@ const fn reload(period: Duration) -> u16 {
 const USUAL: u16 = reload(WATCHDOG_PERIOD);
 const ERASING: u16 = reload(ERASE_PERIOD);
 
-/// Looks at whether a new period has been taken over. That takes five of the counter's cycles, 2.4 ms
-/// of the slowest LSI, and a look 20 cycles of the core. There are more, but they end: an LSI that
-/// stands still bites nobody.
+/// Looks at whether a new period has been taken over. That takes five of the counter's cycles, 2.4
+/// ms of the slowest LSI, and a look 20 cycles of the core. There are more, but they end: an LSI
+/// that stands still bites nobody.
 const LOOKS: u32 = 50_000;
 
 /// The watchdog that runs. All handles are to the same one.

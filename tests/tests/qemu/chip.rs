@@ -1,6 +1,6 @@
 //! What QEMU's machine lacks of the chip and the image waits for: the ready bits of the clocks, the
-//! flash's controller, and the ROM's loader. Here it is told what the image writes to them, and says
-//! what the image reads.
+//! flash's controller, and the ROM's loader. Here it is told what the image writes to them, and
+//! says what the image reads.
 //!
 //! The controller is strict: whatever RM0090 section 3.6 does not allow fails the test.
 

@@ -1,9 +1,9 @@
 //! QEMU 7.2 with the image that the board gets.
 //!
-//! The machine does not model the ready bits that the start of the clocks waits for, nor the flash's
-//! controller. Watchpoints on those registers stop it before every access; we tell `chip` what is
-//! written, and put its answer into the register of a load. When no access has come for a while, the
-//! image is through, and the watchpoints go.
+//! The machine does not model the ready bits that the start of the clocks waits for, nor the
+//! flash's controller. Watchpoints on those registers stop it before every access; we tell `chip`
+//! what is written, and put its answer into the register of a load. When no access has come for a
+//! while, the image is through, and the watchpoints go.
 //!
 //! What the machine lacks altogether (TIM1, TIM8, TIM12, GPIO, I2C, DMA, the watchdog) it logs by
 //! name, offset and value. That log is what the tests read.
@@ -75,7 +75,8 @@ pub struct Machine {
 
 impl Machine {
     /// Switches on a board with an image in which what the machine lacks is replaced, and with
-    /// nothing saved. `name` is the test's, `options` are QEMU's besides those that every test needs.
+    /// nothing saved. `name` is the test's, `options` are QEMU's besides those that every test
+    /// needs.
     ///
     /// # Panics
     /// If QEMU is missing or of another version, or the image does not come through.
@@ -144,8 +145,8 @@ impl Machine {
         self.gdb.register(SP)
     }
 
-    /// Resets the machine, which stands in the loader or runs, with this word of memory set, and serves
-    /// the start behind it.
+    /// Resets the machine, which stands in the loader or runs, with this word of memory set, and
+    /// serves the start behind it.
     pub fn reset(&mut self, reset: Reset, (address, word): (u32, u32)) {
         if !self.stands {
             self.gdb.stop();
@@ -221,8 +222,8 @@ impl Machine {
         }
     }
 
-    /// The load or store before which the machine stands: Thumb LDR and STR with an immediate offset,
-    /// 16 and 32 bits, and with a register's; STM of one register (ARMv7-M ARM A7.7).
+    /// The load or store before which the machine stands: Thumb LDR and STR with an immediate
+    /// offset, 16 and 32 bits, and with a register's; STM of one register (ARMv7-M ARM A7.7).
     fn access(&mut self) -> Access {
         let pc = self.gdb.register(PC);
         let words = [pc & !3, (pc & !3) + 4].map(|address| u64::from(self.gdb.word(address)));

@@ -1,5 +1,6 @@
-//! What outlives a start of the STM32F407's image: settings in flash, the cause of the reset, an order
-//! for the ROM's loader; and how deep its stack has been. The extension's frames ask and tell.
+//! What outlives a start of the STM32F407's image: settings in flash, the cause of the reset, an
+//! order for the ROM's loader; and how deep its stack has been. The extension's frames ask and
+//! tell.
 
 use std::collections::BTreeSet;
 
@@ -17,8 +18,8 @@ use crate::machine::Machine;
 use crate::process::image;
 use crate::{CCR1, IMAGE, IWDG, KR, NEUTRAL, first_and_fifth, gdb, go};
 
-/// The controller of the flash and its control register; a port's mode register; the watchdog's reload
-/// register, and what it is for 400 ms and for 1 s at 4 kHz.
+/// The controller of the flash and its control register; a port's mode register; the watchdog's
+/// reload register, and what it is for 400 ms and for 1 s at 4 kHz.
 const FLASH: &str = "Flash Int";
 const CR: u32 = 0x10;
 const RLR: u32 = 0x08;

@@ -1,6 +1,6 @@
 //! What the images over the controller have in common: the library's tasks over the parts of the
-//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, how fast
-//! its host talks, `HOST_BAUD`, and the `upkeep` that its host can ask for.
+//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, how
+//! fast its host talks, `HOST_BAUD`, and the `upkeep` that its host can ask for.
 //!
 //! Three executors: control on an interrupt above sensing on another, so that a control period
 //! never waits; link, display and supervision in the thread.
