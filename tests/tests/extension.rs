@@ -327,6 +327,20 @@ fn a_motion_command_right_behind_a_save_waits_for_it_and_is_then_carried_out() {
 }
 
 #[test]
+fn a_suspension_right_before_a_save_is_carried_out_before_it() {
+    for phase in 0..10 {
+        let mut bench = Bench::with(Make { line_rate: 0, ..Make::default() });
+        bench.drive(Quantity::Pwm, 0, 20_000, 0);
+        bench.run_ms(10);
+        bench.board.run_for(embassy_time::Duration::from_micros(100 * phase));
+        bench.send(Command::Run { scope: Scope::All, run: false });
+        bench.send_raw(did::PARAMETERS, &[Action::Save.number()]);
+        bench.run_ms(50);
+        assert!(bench.received().iter().any(|frame| frame.data == [7, 0x82, 0, 0, 0]), "{phase}");
+    }
+}
+
+#[test]
 fn the_roms_loader_is_not_available_here() {
     assert_eq!(act(&mut Bench::quiet(), Action::RebootIntoDfu), Verdict::NotAvailable);
 }

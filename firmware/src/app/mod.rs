@@ -139,8 +139,8 @@ pub async fn control<M: RawMutex, C: Copy>(
             &channels.sensors.get(),
             channels.signs_of_life.get(),
         );
-        // Who waits for commands to be carried out has not hung.
-        if !is_held && !channels.roll.call() {
+        let may_drive = if is_held { channels.roll.pause() } else { channels.roll.call() };
+        if !may_drive {
             snapshot.outputs = Outputs::default();
         }
         port.drive(&snapshot.outputs);
@@ -167,9 +167,10 @@ pub async fn supervise<M: RawMutex, C: Copy>(
 /// Saves settings and starts programs, while control is held back and if nothing is driven: flash
 /// that is written or erased stalls the core, and with it everything that keeps a motor in check.
 ///
-/// Order: commands wait from now on; two control periods later the outputs are what they will stay;
-/// if they are off it is done, the watchdog being fed before each erase; then commands go on. What
-/// the host sends meanwhile waits in the line's buffer, or is lost and counted there.
+/// Order: what the host has asked for before is carried out, and commands wait from then on
+/// ([`link`]); two control periods later the outputs are what they will stay; if they are off it is
+/// done, the watchdog being fed before each erase; then commands go on. What the host sends
+/// meanwhile waits in the line's buffer, or is lost and counted there.
 pub async fn upkeep<M: RawMutex, C: Copy>(
     store: &mut Store<impl NorFlash>,
     system: &mut impl SystemPort,
@@ -177,7 +178,6 @@ pub async fn upkeep<M: RawMutex, C: Copy>(
 ) -> ! {
     loop {
         let task = channels.upkeep.receive().await;
-        channels.hold.set(true);
         let periods = || channels.snapshot.get().counters.periods;
         let before = periods();
         while periods().wrapping_sub(before) < 2 {
@@ -208,6 +208,7 @@ pub async fn no_upkeep<M: RawMutex, C: Copy>(channels: &Channels<M, C>) -> ! {
     loop {
         channels.upkeep.receive().await;
         channels.upkeep_done.signal(Err(UpkeepRefused::NotAvailable));
+        channels.hold.set(false);
     }
 }
 
@@ -289,7 +290,14 @@ pub async fn link<M: RawMutex, S: Session>(
                 publish();
                 match request {
                     Some(Request::Control(command)) => channels.commands.send(command).await,
-                    Some(Request::Upkeep(task)) => channels.upkeep.send(task).await,
+                    Some(Request::Upkeep(task)) => {
+                        while !channels.commands.is_empty() {
+                            Timer::after(CONTROL_PERIOD).await;
+                        }
+                        channels.hold.set(true); // until it is done
+                        // There is room: the session has been told of the one before.
+                        let _ = channels.upkeep.try_send(task);
+                    }
                     Some(Request::Show(picture)) => {
                         // A display that hangs must not hold up the command that stops a motor.
                         if channels.pictures.try_send(picture).is_err() {

@@ -92,6 +92,15 @@ impl<M: RawMutex> Roll<M> {
         })
     }
 
+    /// Control holds commands back and calls nobody, since who waits for a command to be carried
+    /// out has not hung: whether anything may be driven.
+    pub(super) fn pause(&self) -> bool {
+        self.change(|state| {
+            state.called = true;
+            !state.has_hung
+        })
+    }
+
     /// Supervision looks: whether control is alive, and whether all are.
     fn look(&self) -> (bool, bool) {
         self.change(|state| {
@@ -116,5 +125,36 @@ impl<M: RawMutex> Roll<M> {
                 feed();
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+
+    use super::*;
+
+    const ALL: [Task; TASKS] =
+        [Task::Sensors, Task::Display, Task::Receive, Task::Transmit, Task::Supervision];
+
+    #[test]
+    fn nobody_hangs_while_commands_are_held_back_for_however_long() {
+        let roll = Roll::<NoopRawMutex>::new();
+        ALL.into_iter().for_each(|task| roll.answer(task));
+        for _ in 0..20 {
+            for _ in 0..100 {
+                assert!(roll.pause());
+            }
+            assert_eq!(roll.look(), (true, true));
+        }
+        assert!(roll.call());
+    }
+
+    #[test]
+    fn who_has_hung_drives_nothing_though_commands_are_held_back() {
+        let roll = Roll::<NoopRawMutex>::new();
+        ALL.into_iter().for_each(|task| roll.answer(task));
+        while roll.call() {}
+        assert!(!roll.pause());
     }
 }

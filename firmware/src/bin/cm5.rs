@@ -38,7 +38,7 @@ async fn main(_spawner: Spawner) {
     let presence = app::bridge_presence::<NoopRawMutex>();
     join(
         app::bridge((pc_rx, pc_tx), (bus_rx, bus_tx), bridge, &presence),
-        presence.supervise(|| watchdog.pet()),
+        presence.supervise(|| watchdog.feed()),
     )
     .await;
 }

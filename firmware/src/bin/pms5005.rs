@@ -5,6 +5,7 @@
 mod tasks;
 
 use embassy_time::Instant;
+use firmware::app::upkeep;
 use firmware::personality::pms5005::{Boot, Pms5005};
 use firmware::settings::Settings;
 
@@ -13,6 +14,6 @@ type Host = Pms5005;
 /// The manual: "115200kbps, N, 8, 1".
 const HOST_BAUD: u32 = 115_200;
 
-fn host(now: Instant) -> Host {
-    Pms5005::new(Settings::DEFAULT, Boot::default(), now)
+fn host(settings: Settings, boot: Boot, now: Instant) -> Host {
+    Pms5005::new(settings, boot, now)
 }

@@ -1,16 +1,13 @@
-//! How every board begins: the clock tree, the watchdog, and why it was reset.
+//! How every board begins: the clock tree, and why it was reset.
 //!
 //! All boards run at 168 MHz, which every STM32F405 to F479 can; the constants of the other parts
 //! rely on it.
 
 #[cfg(feature = "qemu")]
 use super::systick;
-use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::rcc::{self, Hse};
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, Peripherals, pac};
-
-use crate::app::WATCHDOG_PERIOD;
+use embassy_stm32::{Peripherals, pac};
+use protocol::pms5005::extension::ResetCause;
 
 /// The processor's clock in MHz, and that of the timers of APB2.
 pub const CORE_MHZ: u32 = 168;
@@ -40,33 +37,28 @@ pub fn clocks(hse: Hse) -> Peripherals {
     peripherals
 }
 
-/// Starts the watchdog, and says why the board has started.
-pub fn watchdog(iwdg: Peri<'static, IWDG>) -> IndependentWatchdog<'static, IWDG> {
-    let mut watchdog = IndependentWatchdog::new(iwdg, WATCHDOG_PERIOD.as_micros() as u32);
-    pac::DBGMCU.apb1fzr().modify(|w| w.set_iwdg(true)); // a debugger may halt the core
-    watchdog.unleash();
-    report_reset(pac::RCC.csr().read());
-    watchdog
-}
-
-/// Says why the board has started, and forgets it.
-fn report_reset(cause: pac::rcc::regs::Csr) {
-    // A watchdog's reset sets PINRSTF too, a power-on all three of the last.
-    let text = if cause.wdgrstf() {
-        "watchdog"
-    } else if cause.wwdgrstf() {
-        "window watchdog"
-    } else if cause.lpwrrstf() {
-        "low power"
-    } else if cause.sftrstf() {
-        "software"
-    } else if cause.porrstf() {
-        "power"
-    } else if cause.borrstf() {
-        "brown-out"
+/// Why the board has started. The chip forgets it, so that the next start knows its own.
+pub fn reset_cause() -> ResetCause {
+    let flags = pac::RCC.csr().read();
+    // A watchdog's and a program's reset set PINRSTF too, a power-on PORRSTF and BORRSTF with it.
+    let (cause, text) = if flags.wdgrstf() {
+        (ResetCause::Watchdog, "watchdog")
+    } else if flags.wwdgrstf() {
+        (ResetCause::Watchdog, "window watchdog")
+    } else if flags.lpwrrstf() {
+        (ResetCause::Unknown, "low power")
+    } else if flags.sftrstf() {
+        (ResetCause::Software, "software")
+    } else if flags.porrstf() {
+        (ResetCause::Power, "power")
+    } else if flags.borrstf() {
+        (ResetCause::Power, "brown-out")
+    } else if flags.padrstf() {
+        (ResetCause::Pin, "reset pin")
     } else {
-        "reset pin"
+        (ResetCause::Unknown, "no reset")
     };
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
-    defmt::info!("started by: {=str} (CSR {=u32:#010x})", text, cause.0);
+    defmt::info!("started by: {=str} (CSR {=u32:#010x})", text, flags.0);
+    cause
 }

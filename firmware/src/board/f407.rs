@@ -32,15 +32,23 @@ use embassy_stm32::{bind_interrupts, dma, pac};
 use super::analog::{Addresses, Analog};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
+use super::flash::Flash;
 use super::sensing::{Bank, Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
-use super::{Board, BridgeBoard, boot, line, motion, sensing};
+use super::system::System;
+use super::watchdog::Watchdog;
+use super::{Board, BridgeBoard, boot, flash, line, motion, sensing, system};
+use crate::settings::store::Store;
 
 /// How this board's bridges want their duty. Change it for drivers with a direction input.
 const STAGE: Stage = Stage::LockedAntiPhase;
 
 /// The crystal.
 const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
+
+/// Whether the ROM's loader, which brings up more than USB, leaves the enable lines alone: none of
+/// its lines is on port E (AN2606).
+pub(super) const LOADER_IS_SAFE: bool = true;
 
 static DRIVES: Drives = Drives {
     stage: STAGE,
@@ -143,9 +151,11 @@ macro_rules! host_line {
 /// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
 /// host's line at `baud`.
 pub fn start(baud: u32) -> Board {
+    system::begin();
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = boot::watchdog(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG);
+    let reset = boot::reset_cause();
 
     enable_and_reset::<TIM1>();
     enable_and_reset::<TIM8>();
@@ -233,7 +243,18 @@ pub fn start(baud: u32) -> Board {
 
     let (rx, tx) = host_line!(p, baud);
     let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
-    Board { motion, sensing: Sensing { remote, bank }, display, rx, tx, watchdog }
+    let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
+    Board {
+        motion,
+        sensing: Sensing { remote, bank },
+        display,
+        rx,
+        tx,
+        watchdog,
+        system: System(watchdog),
+        store,
+        reset,
+    }
 }
 
 /// The servo bus's interrupt, for an image that calls [`start_bridge`].
@@ -253,7 +274,8 @@ pub fn start_bridge(
 ) -> BridgeBoard {
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = boot::watchdog(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG);
+    boot::reset_cause();
     claim_outputs!(p);
     let (pc_rx, pc_tx) = host_line!(p, baud);
     let (bus_rx, bus_tx) = BUS.start(p.USART6, p.PC6, p.PC8.into());

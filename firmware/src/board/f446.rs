@@ -40,12 +40,20 @@ use protocol::pms5005::CHANNELS;
 use super::analog::{Addresses, Analog};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
+use super::flash::Flash;
 use super::sensing::{Bank, Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
-use super::{Board, BridgeBoard, boot, line, motion, sensing};
+use super::system::System;
+use super::watchdog::Watchdog;
+use super::{Board, BridgeBoard, boot, flash, line, motion, sensing, system};
+use crate::settings::store::Store;
 
 /// The ST-LINK's MCO drives OSC_IN.
 const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Bypass };
+
+/// Not while PC10 and PC11 are enable lines: the ROM's loader brings up USART3 on them. (And the
+/// USB that it would listen on has no socket.)
+pub(super) const LOADER_IS_SAFE: bool = false;
 
 static DRIVES: Drives = Drives {
     // No pins are left for direction lines.
@@ -137,9 +145,11 @@ macro_rules! host_line {
 /// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
 /// host's line at `baud`.
 pub fn start(baud: u32) -> Board {
+    system::begin();
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = boot::watchdog(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG);
+    let reset = boot::reset_cause();
 
     enable_and_reset::<TIM1>();
     enable_and_reset::<TIM8>();
@@ -199,7 +209,18 @@ pub fn start(baud: u32) -> Board {
 
     let (rx, tx) = host_line!(p, baud);
     let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
-    Board { motion, sensing: Sensing { remote, bank }, display, rx, tx, watchdog }
+    let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
+    Board {
+        motion,
+        sensing: Sensing { remote, bank },
+        display,
+        rx,
+        tx,
+        watchdog,
+        system: System(watchdog),
+        store,
+        reset,
+    }
 }
 
 /// The servo bus's interrupt, for an image that calls [`start_bridge`].
@@ -219,7 +240,8 @@ pub fn start_bridge(
 ) -> BridgeBoard {
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = boot::watchdog(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG);
+    boot::reset_cause();
     claim_outputs!(p);
     let (pc_rx, pc_tx) = host_line!(p, baud);
     let (bus_rx, bus_tx) = BUS.start(p.USART6, p.PC6, p.PC8.into());

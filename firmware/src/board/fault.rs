@@ -1,6 +1,6 @@
 //! Panic and hard fault: the outputs first, then a word to the log, then the watchdog.
 //!
-//! Neither returns. The watchdog is fed no more, resets the board within two seconds, and the boot
+//! Neither returns. The watchdog is fed no more, resets the board within a second, and the boot
 //! log names it as the cause.
 
 use core::arch::global_asm;

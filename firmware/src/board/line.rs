@@ -14,6 +14,8 @@ pub use real::{InterruptHandler, Receiver, Sender, new};
 #[cfg(feature = "qemu")]
 pub use under_qemu::{InterruptHandler, Receiver, Sender, new};
 
+use core::sync::atomic::AtomicBool;
+
 use embassy_stm32::Peri;
 use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::usart::{Config, Instance, RxDma, RxPin, TxDma, TxPin};
@@ -24,6 +26,9 @@ use embassy_stm32::usart::{Config, Instance, RxDma, RxPin, TxDma, TxPin};
 /// only task has no picture to show; 0.5 ms are to spare. The length of a packet does not matter,
 /// since a reader that finds bytes comes back for more at once.
 const RING: usize = 256;
+
+/// The core has stood still, for longer perhaps than it takes to fill the ring more than once.
+pub(super) static CORE_STOOD_STILL: AtomicBool = AtomicBool::new(false);
 
 /// What the line is made of. The compiler checks each pin and stream against the chip.
 pub struct Parts<T: Instance, Rx: RxPin<T>, Tx: TxPin<T>, RxD: RxDma<T>, TxD: TxDma<T>> {
@@ -63,7 +68,7 @@ mod real {
     use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
 
     use super::super::dma::{Round, Stream};
-    use super::{Parts, RING, config};
+    use super::{CORE_STOOD_STILL, Parts, RING, config};
 
     /// The ring is looked at this often. It bounds the answer's delay, and costs some 0.2 % of the
     /// processor.
@@ -153,7 +158,10 @@ mod real {
             // which then finds the head behind the tail.
             let came_round = self.stream.came_round();
             let head = (RING - usize::from(self.stream.remaining())) % RING;
-            if head < self.tail {
+            // How often, the flag does not tell: once, if the ring is looked at as it should be.
+            let often = came_round && CORE_STOOD_STILL.load(Ordering::Relaxed);
+            CORE_STOOD_STILL.store(false, Ordering::Relaxed);
+            if head < self.tail && !often {
                 self.stream.clear_flags();
             } else if came_round {
                 self.stream.clear_flags();

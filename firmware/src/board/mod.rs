@@ -7,7 +7,10 @@
 //!
 //! | part | what it is |
 //! |---|---|
-//! | `boot` | 168 MHz, the watchdog, why the board was reset |
+//! | `boot` | 168 MHz, why the board was reset |
+//! | [`watchdog`] | the independent watchdog |
+//! | [`system`] | restarts, the ROM's loader, the stack's depth |
+//! | [`flash`] | where the settings survive |
 //! | [`drives`] | bridges, servos, output port by registers alone, and their safe state |
 //! | [`motion`] | those, the encoders and the fast inputs as one port |
 //! | [`analog`] | 48 analogue inputs through three multiplexers, scanned without the CPU |
@@ -44,10 +47,13 @@ mod systick;
 pub mod analog;
 pub mod bus;
 pub mod drives;
+pub mod flash;
 pub mod line;
 pub mod motion;
 pub mod sensing;
 pub mod ssd1306;
+pub mod system;
+pub mod watchdog;
 
 #[cfg_attr(any(feature = "board-f407", feature = "qemu"), path = "f407.rs")]
 #[cfg_attr(feature = "board-f446", path = "f446.rs")]
@@ -55,8 +61,10 @@ mod selected;
 
 pub use selected::{BusInterrupt, Motion, Sensing, safe_state, start, start_bridge};
 
-use embassy_stm32::peripherals::IWDG;
-use embassy_stm32::wdg::IndependentWatchdog;
+use protocol::pms5005::extension::ResetCause;
+
+use crate::settings::store::Store;
+pub use system::stack_used;
 
 /// The parts of a board with motors, each for its task.
 pub struct Board {
@@ -71,7 +79,13 @@ pub struct Board {
     /// For `app::link`, to the host.
     pub tx: line::Sender,
     /// For `app::supervise`.
-    pub watchdog: IndependentWatchdog<'static, IWDG>,
+    pub watchdog: watchdog::Watchdog,
+    /// For `app::upkeep`.
+    pub system: system::System,
+    /// Where the settings are, for `app::upkeep`.
+    pub store: Store<flash::Flash>,
+    /// Why it has started.
+    pub reset: ResetCause,
 }
 
 /// The parts of a board between a PC and a servo bus, for `app::bridge`. The outputs are in their
@@ -86,5 +100,5 @@ pub struct BridgeBoard {
     /// Sends on the bus.
     pub bus_tx: bus::Sender,
     /// For `Presence::supervise`.
-    pub watchdog: IndependentWatchdog<'static, IWDG>,
+    pub watchdog: watchdog::Watchdog,
 }

@@ -59,9 +59,9 @@ impl<F: NorFlash> Store<F> {
 
     /// What was saved last, and whether that is what it is. It may finish an erase that was
     /// interrupted, and calls `feed` before each that it begins.
-    pub fn load(&mut self, feed: impl FnMut()) -> (Settings, Origin) {
+    pub fn load(&mut self, mut feed: impl FnMut()) -> (Settings, Origin) {
         let was_empty = self.is_empty();
-        match self.fetch(feed) {
+        match self.fetch(&mut feed) {
             Some(settings) => (settings, Origin::Stored),
             None if was_empty => (Settings::DEFAULT, Origin::Defaults),
             None => {
@@ -95,7 +95,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Whether a record was written and can be read.
-    fn append(&mut self, settings: &Settings, feed: &mut impl FnMut()) -> bool {
+    fn append(&mut self, settings: &Settings, feed: Feed<'_>) -> bool {
         let mut record = [0; RECORD];
         let Some(record) = write(settings, &mut record) else { return false };
         let mut buffer = [0; RECORD];
@@ -107,9 +107,9 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// The last good record, if it is one of ours.
-    fn fetch(&mut self, mut feed: impl FnMut()) -> Option<Settings> {
+    fn fetch(&mut self, feed: Feed<'_>) -> Option<Settings> {
         let mut buffer = [0; RECORD];
-        let mut map = map(&mut self.flash, &self.range, &mut feed)?;
+        let mut map = map(&mut self.flash, &self.range, feed)?;
         let record = block_on(map.fetch_item::<&[u8]>(&mut buffer, &KEY)).ok()??;
         read(record)
     }
@@ -130,31 +130,34 @@ impl<F: NorFlash> Store<F> {
 
 /// The map. It remembers where the record is for as long as a call lasts: without that a save which
 /// begins a sector would read all records once for each.
-type Map<'a, F, W> =
-    MapStorage<u8, Fed<'a, F, W>, Cache<Uncached, Uncached, ArrayKeyPointers<u8, 1>, u8>>;
+type Map<'a, F> =
+    MapStorage<u8, Fed<'a, F>, Cache<Uncached, Uncached, ArrayKeyPointers<u8, 1>, u8>>;
 
 /// The map over the flash; `None` if the range is no two sectors.
-fn map<'a, F: NorFlash, W: FnMut()>(
+fn map<'a, F: NorFlash>(
     flash: &'a mut F,
     range: &Range<u32>,
-    feed: &'a mut W,
-) -> Option<Map<'a, F, W>> {
+    feed: Feed<'a>,
+) -> Option<Map<'a, F>> {
     let config = MapConfig::try_new(range.clone()).ok()?;
     let cache = Cache::new(Uncached, Uncached, ArrayKeyPointers::new());
     Some(MapStorage::new(Fed { flash, feed }, config, cache))
 }
 
 /// The flash as the map wants it, with a watchdog that is fed before each sector's erase.
-struct Fed<'a, F, W> {
+struct Fed<'a, F> {
     flash: &'a mut F,
-    feed: &'a mut W,
+    feed: Feed<'a>,
 }
 
-impl<F: NorFlash, W: FnMut()> ErrorType for Fed<'_, F, W> {
+/// Feeds the watchdog. By a pointer, or an image would hold the map once for each who calls.
+type Feed<'a> = &'a mut dyn FnMut();
+
+impl<F: NorFlash> ErrorType for Fed<'_, F> {
     type Error = F::Error;
 }
 
-impl<F: NorFlash, W: FnMut()> asynchronous::ReadNorFlash for Fed<'_, F, W> {
+impl<F: NorFlash> asynchronous::ReadNorFlash for Fed<'_, F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), F::Error> {
@@ -166,7 +169,7 @@ impl<F: NorFlash, W: FnMut()> asynchronous::ReadNorFlash for Fed<'_, F, W> {
     }
 }
 
-impl<F: NorFlash, W: FnMut()> asynchronous::NorFlash for Fed<'_, F, W> {
+impl<F: NorFlash> asynchronous::NorFlash for Fed<'_, F> {
     const WRITE_SIZE: usize = F::WRITE_SIZE;
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 

@@ -86,9 +86,21 @@ impl Gdb {
         assert!(self.stops_within(Duration::from_secs(5)), "the machine does not stop");
     }
 
-    /// Stops at every access to a word, or no more.
-    pub fn watch(&mut self, address: u32, on: bool) {
-        self.order(&format!("{}4,{address:x},4", if on { 'Z' } else { 'z' }));
+    /// Stops before every access to these bytes, or only before stores, or no more.
+    pub fn watch(&mut self, (stores_only, address, length): (bool, u32, u32), on: bool) {
+        let (set, kind) = (if on { 'Z' } else { 'z' }, if stores_only { 2 } else { 4 });
+        self.order(&format!("{set}{kind},{address:x},{length:x}"));
+    }
+
+    /// Stops before the instruction at this address, or no more.
+    pub fn stop_at(&mut self, address: u32, on: bool) {
+        self.order(&format!("{}1,{address:x},2", if on { 'Z' } else { 'z' }));
+    }
+
+    /// Resets the machine, which stands still.
+    pub fn reset(&mut self) {
+        let command: String = "system_reset".bytes().map(|byte| format!("{byte:02x}")).collect();
+        self.order(&format!("qRcmd,{command}"));
     }
 
     /// A core register.
@@ -102,6 +114,15 @@ impl Gdb {
         self.order(&format!("P{number:x}={:08x}", value.swap_bytes()));
     }
 
+    /// Sets memory, read-only or not.
+    pub fn set_bytes(&mut self, address: u32, bytes: &[u8]) {
+        // Twice so many digits fit a packet.
+        for (address, bytes) in (address..).step_by(1024).zip(bytes.chunks(1024)) {
+            let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+            self.order(&format!("M{address:x},{:x}:{digits}", bytes.len()));
+        }
+    }
+
     /// A word of memory.
     pub fn word(&mut self, address: u32) -> u32 {
         let answer = self.ask(&format!("m{address:x},4"));
@@ -111,8 +132,8 @@ impl Gdb {
     }
 }
 
-/// The address of the one function whose mangled name contains `name`.
-pub fn function(elf: &Path, name: &str) -> u32 {
+/// The address of the one function or variable whose mangled name contains `name`.
+pub fn symbol(elf: &Path, name: &str) -> u32 {
     let elf = std::fs::read(elf).unwrap();
     let half = |at: usize| usize::from(u16::from_le_bytes([elf[at], elf[at + 1]]));
     let word = |at: usize| u32::from_le_bytes(elf[at..at + 4].try_into().unwrap());
@@ -125,8 +146,8 @@ pub fn function(elf: &Path, name: &str) -> u32 {
     let mut found = (table..table + at(symbols + 20)).step_by(16).filter(|&symbol| {
         let begin = names + at(symbol);
         let text: Vec<u8> = elf[begin..].iter().copied().take_while(|&byte| byte != 0).collect();
-        elf[symbol + 12] & 0xF == 2 && String::from_utf8_lossy(&text).contains(name)
+        matches!(elf[symbol + 12] & 0xF, 1 | 2) && String::from_utf8_lossy(&text).contains(name)
     });
-    let symbol = found.next().unwrap_or_else(|| panic!("no function {name}"));
+    let symbol = found.next().unwrap_or_else(|| panic!("no {name}"));
     word(symbol + 4) & !1 // without the Thumb bit
 }

@@ -1,9 +1,9 @@
 //! QEMU 7.2 with the image that the board gets.
 //!
-//! The machine does not model the ready bits that the start of the clocks waits for. Watchpoints
-//! on those five registers stop it before every access; we step over it, remember what is written,
-//! and put the hardware's answer into the register that a load has loaded. When no access has come
-//! for a while, the image is through, and the watchpoints go.
+//! The machine does not model the ready bits that the start of the clocks waits for, nor the
+//! flash's controller. Watchpoints on those registers stop it before every access; we tell `chip`
+//! what is written, and put its answer into the register of a load. When no access has come for a
+//! while, the image is through, and the watchpoints go.
 //!
 //! What the machine lacks altogether (TIM1, TIM8, TIM12, GPIO, I2C, DMA, the watchdog) it logs by
 //! name, offset and value. That log is what the tests read.
@@ -14,9 +14,11 @@ use std::os::unix::net::UnixStream;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
+use hal_mock::flash::Flash;
 use protocol::pms5005::{self, Frame, Receiver, Report};
 
-use crate::gdb::{Gdb, PC};
+use crate::chip::{Chip, Effect, LOADER, LOADER_ENTRY, Reset, SECTOR, SETTINGS};
+use crate::gdb::{Gdb, PC, SP};
 use crate::process::{self, Qemu, bytes_from, version};
 
 /// Why a version of QEMU will not do: its machine and its log are those that these tests know, or
@@ -44,25 +46,16 @@ fn another_version_is_refused_with_the_reason() {
 /// that a busy computer makes it lose.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Polled registers: address, value after reset, and what a load answers after a store.
-type Ready = (u32, u32, fn(u32) -> u32);
-const READY: [Ready; 5] = [
-    // RCC_CR: HSIRDY, HSERDY, PLLRDY and PLLI2SRDY follow their ON bits at once.
-    (0x4002_3800, 0x83, |w| {
-        w & !0x0A02_0002
-            | (w & 1) << 1
-            | (w & 1 << 16) << 1
-            | (w & 1 << 24) << 1
-            | (w & 1 << 26) << 1
-    }),
-    (0x4002_3808, 0, |w| w & !0xC | (w & 3) << 2), // RCC_CFGR: SWS is SW
-    (0x4002_3874, 0, |w| w & !2 | (w & 1) << 1),   // RCC_CSR: LSIRDY is LSION
-    (0x4000_7000, 0, |w| w),                       // PWR_CR: DBP reads back
-    (0x4002_3C00, 0, |w| w),                       // FLASH_ACR: LATENCY reads back
-];
-
 /// USART6, the last of the serial lines that the machine is given.
 const BUS: &str = "usart6";
+
+/// A load or a store: the data's register, the word's address, the instruction's bytes.
+struct Access {
+    is_load: bool,
+    register: u8,
+    address: u32,
+    length: u32,
+}
 
 /// A running machine. It ends when it is dropped.
 pub struct Machine {
@@ -73,16 +66,35 @@ pub struct Machine {
     log: File,
     /// The part of the log that has been read, from the last [`Machine::forget`].
     seen: String,
+    /// What the machine lacks.
+    pub chip: Chip,
+    /// It stands in the loader.
+    stands: bool,
     qemu: Qemu,
 }
 
 impl Machine {
-    /// Boots an image in which what the machine lacks is replaced. `name` is the test's, `options`
-    /// are QEMU's besides those that every test needs.
+    /// Switches on a board with an image in which what the machine lacks is replaced, and with
+    /// nothing saved. `name` is the test's, `options` are QEMU's besides those that every test
+    /// needs.
     ///
     /// # Panics
     /// If QEMU is missing or of another version, or the image does not come through.
     pub fn boot(name: &str, image: &str, options: &[&str]) -> Self {
+        Self::boot_with(name, image, options, Reset::Power, &Flash::empty())
+    }
+
+    /// The same after another kind of reset, with what this flash holds.
+    ///
+    /// # Panics
+    /// As above.
+    pub fn boot_with(
+        name: &str,
+        image: &str,
+        options: &[&str],
+        reset: Reset,
+        settings: &Flash,
+    ) -> Self {
         if let Some(reason) = refusal(&version()) {
             panic!("{reason}");
         }
@@ -99,69 +111,143 @@ impl Machine {
             receiver: Receiver::new(),
             log: File::open(qemu.path("log")).unwrap(),
             seen: String::new(),
+            chip: Chip::new(reset),
+            stands: false,
             qemu,
         };
-        machine.answer_ready_bits();
+        machine.gdb.set_bytes(SETTINGS.start, &settings.image());
+        machine.serve_stopped();
+        assert!(machine.chip.is_touched, "the image has not started its clocks");
         machine
     }
 
-    fn answer_ready_bits(&mut self) {
-        let mut written = READY.map(|(_, reset, _)| reset);
-        for (address, ..) in READY {
-            self.gdb.watch(address, true);
+    /// Sends a command, and serves what the machine lacks until nothing has been asked of it for a
+    /// while.
+    pub fn serve(&mut self, command: pms5005::Command<'_>) {
+        self.gdb.stop(); // or it may be faster than we are
+        self.send(command);
+        self.serve_stopped();
+    }
+
+    /// Sends a command that makes the image restart, and serves it through the reset and the start.
+    pub fn restart(&mut self, command: pms5005::Command<'_>) {
+        self.chip = Chip::new(Reset::Software);
+        self.serve(command);
+        assert!(self.chip.is_touched, "the image does not restart");
+    }
+
+    /// Sends a command that makes the image restart into the ROM's loader, and serves it up to the
+    /// loader's entry. There the machine stands until it is reset. The stack pointer there.
+    pub fn enter_loader(&mut self, command: pms5005::Command<'_>) -> u32 {
+        self.chip = Chip::new(Reset::Software);
+        self.serve(command);
+        assert!(self.stands, "the image does not enter the loader");
+        self.gdb.register(SP)
+    }
+
+    /// Resets the machine, which stands in the loader or runs, with this word of memory set, and
+    /// serves the start behind it.
+    pub fn reset(&mut self, reset: Reset, (address, word): (u32, u32)) {
+        if !self.stands {
+            self.gdb.stop();
         }
+        self.gdb.set_bytes(address, &word.to_le_bytes());
+        self.gdb.reset();
+        self.chip = Chip::new(reset);
+        self.serve_stopped();
+        assert!(self.chip.is_touched, "the image does not start");
+    }
+
+    fn serve_stopped(&mut self) {
+        self.watch(true);
+        self.stands = false;
         let mut stops = 0;
         loop {
             self.gdb.run();
-            // The slowest step of the start between two accesses takes microseconds.
-            if !self.gdb.stops_within(Duration::from_millis(500)) {
+            // Between two accesses the start takes microseconds, a save 40 ms.
+            let patience = if stops == 0 { PATIENCE } else { Duration::from_millis(500) };
+            if !self.gdb.stops_within(patience) {
+                self.gdb.stop();
                 break;
             }
             stops += 1;
-            assert!(stops < 200, "the image polls something that it never gets");
-            // It stands before the access, and would stop there again.
-            let (is_load, register, address) = self.access();
-            let k = READY.iter().position(|&(a, ..)| a == address).expect("a watched register");
-            self.gdb.watch(address, false);
-            self.gdb.step();
-            self.gdb.watch(address, true);
-            if is_load {
-                self.gdb.set_register(register, READY[k].2(written[k]));
-            } else {
-                written[k] = self.gdb.register(register);
+            assert!(stops < 1000, "the image asks for something that it never gets");
+            if self.gdb.register(PC) == LOADER_ENTRY & !1 {
+                self.stands = true; // there is nothing to run
+                break;
             }
+            self.serve_access();
         }
-        assert!(stops > 0, "the image has not started its clocks");
-        self.gdb.stop();
-        for (address, ..) in READY {
-            self.gdb.watch(address, false);
+        self.watch(false);
+        if !self.stands {
+            self.gdb.run();
         }
-        self.gdb.run();
     }
 
-    /// The load or store before which the machine stands: whether a load, the data's register, the
-    /// address. Thumb LDR and STR with an immediate offset, 16 and 32 bits, and with a register's
-    /// (ARMv7-M ARM A7.7).
-    fn access(&mut self) -> (bool, u8, u32) {
+    fn watch(&mut self, on: bool) {
+        Chip::watched().for_each(|bytes| self.gdb.watch(bytes, on));
+        self.gdb.stop_at(LOADER_ENTRY & !1, on);
+    }
+
+    /// Does the load or store before which the machine stands.
+    fn serve_access(&mut self) {
+        let Access { is_load, register, address, length } = self.access();
+        if is_load && address >= LOADER {
+            // Nothing is there at all: the load would fail.
+            let pc = self.gdb.register(PC);
+            self.gdb.set_register(register, self.chip.load(address));
+            self.gdb.set_register(PC, pc + length);
+            return;
+        }
+        let stored = self.gdb.register(register);
+        // It would stop here again.
+        self.watch(false);
+        self.gdb.step();
+        self.watch(true);
+        if is_load {
+            self.gdb.set_register(register, self.chip.load(address));
+            return;
+        }
+        match self.chip.store(address, stored) {
+            Some(Effect::Program(address, value)) => {
+                let word = self.gdb.word(address) & value;
+                self.gdb.set_bytes(address, &word.to_le_bytes());
+            }
+            Some(Effect::Erase(sector)) => {
+                let begin = SETTINGS.start + (u32::from(sector) - 1) * SECTOR;
+                assert!(SETTINGS.contains(&begin), "sector {sector} is erased");
+                self.gdb.set_bytes(begin, &[0xFF; SECTOR as usize]);
+            }
+            None => {}
+        }
+    }
+
+    /// The load or store before which the machine stands: Thumb LDR and STR with an immediate
+    /// offset, 16 and 32 bits, and with a register's; STM of one register (ARMv7-M ARM A7.7).
+    fn access(&mut self) -> Access {
         let pc = self.gdb.register(PC);
         let words = [pc & !3, (pc & !3) + 4].map(|address| u64::from(self.gdb.word(address)));
         let code = (words[0] | words[1] << 32) >> (8 * (pc & 2));
         let (first, second) = ((code & 0xFFFF) as u32, (code >> 16 & 0xFFFF) as u32); // 16 bits
         let register = |bits: u32| (bits & 0xF) as u8; // four bits
-        if matches!(first & 0xFFF0, 0xF8D0 | 0xF8C0) {
+        let is_load = first & if first & 0xF000 == 0xF000 { 0x10 } else { 0x800 } != 0;
+        let (register, address, length) = if matches!(first & 0xFFF0, 0xF8D0 | 0xF8C0) {
             let base = self.gdb.register(register(first));
-            return (first & 0x10 != 0, register(second >> 12), base + (second & 0xFFF));
-        }
-        if first & 0xF000 == 0x6000 {
+            (register(second >> 12), base + (second & 0xFFF), 4)
+        } else if first & 0xF000 == 0x6000 {
             let base = self.gdb.register(register(first >> 3 & 7));
-            return (first & 0x800 != 0, register(first & 7), base + (first >> 6 & 31) * 4);
-        }
-        if matches!(first & 0xFE00, 0x5800 | 0x5000) {
+            (register(first & 7), base + (first >> 6 & 31) * 4, 2)
+        } else if matches!(first & 0xFE00, 0x5800 | 0x5000) {
             let base = self.gdb.register(register(first >> 3 & 7));
             let offset = self.gdb.register(register(first >> 6 & 7));
-            return (first & 0x800 != 0, register(first & 7), base.wrapping_add(offset));
-        }
-        panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
+            (register(first & 7), base.wrapping_add(offset), 2)
+        } else if first & 0xF800 == 0xC000 && (first & 0xFF).is_power_of_two() {
+            let number = (first & 0xFF).trailing_zeros();
+            (register(number), self.gdb.register(register(first >> 8 & 7)), 2)
+        } else {
+            panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
+        };
+        Access { is_load, register, address, length }
     }
 
     /// The servo bus of an image that has one.
@@ -254,6 +340,19 @@ impl Machine {
     fn log_tail(&mut self, with: &str) -> String {
         let lines: Vec<_> = self.log().lines().filter(|line| line.contains(with)).collect();
         lines[lines.len().saturating_sub(40)..].join("\n")
+    }
+
+    /// What has been written to a device's register since the last [`forget`](Self::forget).
+    pub fn values(&mut self, device: &str, offset: u32) -> Vec<u32> {
+        let begin =
+            format!("{device}: unimplemented device write (size 4, offset {offset:#05x}, value 0x");
+        let hexadecimal = |rest: &str| u32::from_str_radix(rest.get(..8)?, 16).ok();
+        self.log().split(&begin).skip(1).filter_map(hexadecimal).collect()
+    }
+
+    /// Whether the log has this since the last [`forget`](Self::forget).
+    pub fn is_logged(&mut self, what: &str) -> bool {
+        self.log().contains(what)
     }
 
     /// Whether a device has been touched since the last [`forget`](Self::forget).

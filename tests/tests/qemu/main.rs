@@ -2,16 +2,19 @@
 //!
 //!     .ci/images && cargo test -p tests --test qemu -- --ignored --test-threads 2
 //!
-//! The virtual board's image is in `simulated`, the CM-5's in `bridge`. Here is the STM32F407 board's: frames go in over
-//! its UART, and the registers that it writes come out of QEMU's log. It differs from the image
-//! that is flashed only in what the machine lacks (the firmware's feature `qemu`): SysTick for
-//! TIM5's compare channels, a receive interrupt and polled sending for the UART's DMA.
+//! The virtual board's image is in `simulated`, the CM-5's in `bridge`. Here is the STM32F407
+//! board's, and in `settings` what of it outlives a start: frames go in over its UART, and the
+//! registers that it writes come out of QEMU's log. It differs from the image that is flashed only
+//! in what the machine lacks (the firmware's feature `qemu`): SysTick for TIM5's compare channels,
+//! a receive interrupt and polled sending for the UART's DMA.
 
 mod bridge;
+mod chip;
 mod gdb;
 mod machine;
 mod process;
 mod script;
+mod settings;
 mod simulated;
 
 use gdb::{PC, SP};
@@ -154,7 +157,7 @@ fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
 #[test]
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn a_panic_puts_the_outputs_into_their_safe_state() {
-    let panic = gdb::function(&image(IMAGE), "panic_bounds_check");
+    let panic = gdb::symbol(&image(IMAGE), "panic_bounds_check");
     let mut machine = Machine::boot("panic", IMAGE, &[]);
     set_everything_going(&mut machine);
     machine.forget();

@@ -1,6 +1,6 @@
 //! What the images over the controller have in common: the library's tasks over the parts of the
-//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, and how
-//! fast its host talks, `HOST_BAUD`.
+//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, how
+//! fast its host talks, `HOST_BAUD`, and the `upkeep` that its host can ask for.
 //!
 //! Three executors: control on an interrupt above sensing on another, so that a control period
 //! never waits; link, display and supervision in the thread.
@@ -18,12 +18,13 @@ use firmware::board::ssd1306::Ssd1306;
 use firmware::board::{self, Board, Motion, Sensing};
 use firmware::controller::Controller;
 use firmware::personality::Session;
-use firmware::settings::Settings;
+use firmware::personality::pms5005::Boot;
+use firmware::ports::SystemPort;
 use static_cell::StaticCell;
 
-use crate::{HOST_BAUD, Host, host};
+use crate::{HOST_BAUD, Host, host, upkeep};
 
-type Channels = app::Channels<CriticalSectionRawMutex, <Host as Session>::Counters>;
+pub type Channels = app::Channels<CriticalSectionRawMutex, <Host as Session>::Counters>;
 
 static CHANNELS: StaticCell<Channels> = StaticCell::new();
 static BOARD: StaticCell<Board> = StaticCell::new();
@@ -72,16 +73,20 @@ async fn link(
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog } =
+    let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog, system, store, reset } =
         BOARD.init_with(|| board::start(HOST_BAUD));
     let all = &*CHANNELS.init_with(Channels::new);
-    let core = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
-    let session = SESSION.init_with(|| host(Instant::now()));
+    let (settings, origin) = store.load(|| system.before_erase());
+    let boot = Boot { reset: *reset, settings: origin, stack_used: board::stack_used };
+    let core = CONTROLLER.init_with(|| Controller::new(settings.control));
+    boot.faults().for_each(|fault| core.record(fault));
+    let session = SESSION.init_with(|| host(settings, boot, Instant::now()));
     interrupt::UART4.set_priority(Priority::P6);
     interrupt::UART5.set_priority(Priority::P7);
     CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));
     SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
-    join(app::supervise(|| watchdog.pet(), board::safe_state, all), app::no_upkeep(all)).await;
+    let supervision = app::supervise(|| watchdog.feed(), board::safe_state, all);
+    join(supervision, upkeep(store, system, all)).await;
 }
