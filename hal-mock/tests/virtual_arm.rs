@@ -190,6 +190,33 @@ fn the_arms_cable_can_be_cut_and_mended() {
 }
 
 #[test]
+fn a_low_servo_battery_stops_the_arm_until_it_is_good_again_and_init_has_come() {
+    let board = Board::start(&["--dialect", "aria"]);
+    let mut host = over_tcp(&board);
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 147));
+    host.until(|status| status[..4] == [0, 0b0111, 127, 147]);
+    board.ask(json!({"set": {"battery": [null, null, 1700]}}));
+    // Neither good nor initialised nor powered; and the joint is where it was.
+    host.until(|status| status[..4] == [0, 0, 127, 147]);
+    let state = board.ask(json!({"get": "state"}));
+    assert_eq!(state["joints"][1]["powered"], json!(false));
+    assert_eq!(state["faults"], json!(["needs_init", "servo_battery_low"]));
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 127));
+    host.until(|status| status[..4] == [0, 0, 127, 147]);
+
+    board.ask(json!({"set": {"battery": null}}));
+    std::thread::sleep(Duration::from_millis(100));
+    host.send(ArmCommand::Init);
+    host.until(|status| status[1] == 0b0011);
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 127));
+    host.until(|status| status[..4] == [0, 0b0111, 127, 127]);
+    assert_eq!(board.ask(json!({"get": "state"}))["faults"], json!([]));
+}
+
+#[test]
 fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
     for (dialect, status) in [("aria", [0, 0b0111]), ("manual-b0", [0b11, 0])] {
         let board = Board::start(&["--dialect", dialect, "--line-rate", "9600"]);

@@ -11,6 +11,7 @@
 //! |---|---|
 //! | ARMINFOpac's count, n+53 in Table 3 | n+39: six joints of six bytes end there, and hosts parse in order. |
 //! | ARMpac's status bytes | The manual and one host family have power and connection first, ARIA has motion first: a [`Dialect`]. |
+//! | ARIA's "good" | The arm is connected and no fault keeps its servos off. |
 //! | motion bit of joint 1 | Bit 1; in the manual's dialect bit 0 can be chosen ([`MotionBits`]). |
 //! | a type byte with no value behind it | No argument. |
 //! | an unknown type, a value cut short, bytes behind it | Refused where the command takes an argument. |

@@ -76,6 +76,8 @@ pub struct ArmCounters {
     pub limited: u32,
     /// Times that the arm was lost while it had power.
     pub arms_lost: u32,
+    /// Times that a fault of the board took the servos' power.
+    pub power_lost: u32,
     /// Standard information packets sent.
     pub standard_sent: u32,
     /// Standard information packets skipped because the line was busy for a whole cycle.
@@ -162,7 +164,8 @@ impl Session for PioneerArm {
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
         self.answers.watch(now);
         let present = snapshot.sensors.gpio_in & ARM_LINE == 0;
-        self.answers.arm.advance(now, present).map(Request::Control)
+        let stopped = snapshot.faults.stops_servos();
+        self.answers.arm.advance(now, present, stopped).map(Request::Control)
     }
 
     fn wakes_at(&self) -> Option<Instant> {
@@ -204,6 +207,7 @@ impl Session for PioneerArm {
             bad_packets: reception.bad_frames,
             bytes_skipped: reception.bytes_skipped,
             arms_lost: self.answers.arm.lost(),
+            power_lost: self.answers.arm.power_lost(),
             arm: self.answers.arm.status(),
             ..self.answers.counters
         }

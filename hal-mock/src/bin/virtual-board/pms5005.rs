@@ -225,8 +225,14 @@ impl State {
     }
 }
 
-/// What is latched (`stall 0` is channel 0's), and `link_loss` for as long as it holds.
+/// What is latched, and `link_loss` for as long as it holds.
 fn faults(snapshot: &Snapshot) -> Vec<String> {
+    let link_loss = snapshot.link_loss.then(|| "link_loss".to_owned());
+    link_loss.into_iter().chain(latched(snapshot)).collect()
+}
+
+/// What is latched (`stall 0` is channel 0's), but for the loss of the link.
+pub fn latched(snapshot: &Snapshot) -> impl Iterator<Item = String> {
     let name = |(fault, channel): (Fault, Option<Channel>)| {
         let mut name = String::new();
         for letter in format!("{fault:?}").chars() {
@@ -237,9 +243,7 @@ fn faults(snapshot: &Snapshot) -> Vec<String> {
         }
         channel.map_or(name.clone(), |channel| format!("{name} {}", channel.number()))
     };
-    let link_loss = snapshot.link_loss.then(|| "link_loss".to_owned());
-    let latched = snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss);
-    link_loss.into_iter().chain(latched.map(name)).collect()
+    snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss).map(name)
 }
 
 /// The overrides with some of them changed; an error names the key, and nothing is changed.
