@@ -10,8 +10,10 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use protocol::arcos::{
-    ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest,
+    ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest, extension,
 };
+use protocol::pms5005::Data;
+use protocol::pms5005::extension::{Action, Assignments, Request, Verdict};
 use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -225,6 +227,34 @@ fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
         host.send(ArmCommand::Power(true));
         host.until(|now| now[..2] == status);
     }
+}
+
+#[test]
+fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_them() {
+    let file = std::env::temp_dir().join(format!("arm-settings-{}", std::process::id()));
+    let path = file.to_str().unwrap();
+    let board = Board::start(&["--settings", path]);
+    let mut host = over_tcp(&board);
+    let mut data = Data::new();
+    // ARIA's dialect, joint 2's home.
+    for (number, value) in [(112, 2), (137, 90)] {
+        Assignments::emit(number, value, &mut data).unwrap();
+    }
+    let set = Request::Set(Assignments::parse(&data).unwrap());
+    for request in [set, Request::Do(Action::Save)] {
+        host.stream.write_all(extension::encode_request(&request, &mut [0; 40]).unwrap()).unwrap();
+        assert_eq!(host.receive(101)[2], Verdict::Done.code(), "{request:?}");
+    }
+    drop(board);
+    for (options, status) in [
+        (&["--settings", path][..], [0, 0b0011, 127, 90]),
+        (&["--settings", path, "--dialect", "manual"], [0b10, 0, 127, 90]),
+    ] {
+        let board = Board::start(options);
+        let mut host = over_tcp(&board);
+        assert_eq!(host.until(|_| true)[..4], status);
+    }
+    std::fs::remove_file(file).unwrap();
 }
 
 #[test]

@@ -5,6 +5,7 @@
 mod tasks;
 
 use embassy_time::Instant;
+use firmware::personality::Boot;
 use firmware::personality::pioneer_arm::PioneerArm;
 use firmware::settings::Settings;
 
@@ -14,5 +15,5 @@ type Host = PioneerArm;
 const HOST_BAUD: u32 = 9600;
 
 fn host(now: Instant) -> Host {
-    PioneerArm::new(Settings::DEFAULT.arm, now)
+    PioneerArm::new(Settings::DEFAULT, Boot::default(), now)
 }

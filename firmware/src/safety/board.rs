@@ -9,15 +9,6 @@ use crate::settings::BoardFaultSettings;
 const CHECKS: usize = 8;
 const LOOK_SHIFT: u32 = 3;
 
-/// What a battery reads that is not there: less than 1 V. The motors' is measured to 24 V, the
-/// others to 9 V.
-const NO_MOTOR_BATTERY: u16 = 171;
-const NO_BATTERY: u16 = 455;
-/// Hotter than any driver that still drives: 150 degrees.
-const NO_DRIVER: u16 = 400;
-/// Hotter than any room: 80 degrees.
-const NO_THERMOMETER: u16 = 4040;
-
 /// What a late period adds to the measure, and so one in eight of them never adds up.
 const LATE: u16 = 8;
 
@@ -46,13 +37,18 @@ impl BoardMonitor {
             if settings.motor_battery_high > 0 { settings.motor_battery_high } else { u16::MAX };
         // Which fault it is if the reading is from here up to there; there itself is past it.
         let (fault, reading, from, to) = match self.turn & 7 {
-            0 => (Fault::MotorBatteryLow, motors, NO_MOTOR_BATTERY, settings.motor_battery_low),
+            0 => (
+                Fault::MotorBatteryLow,
+                motors,
+                settings.no_motor_battery,
+                settings.motor_battery_low,
+            ),
             1 => (Fault::MotorBatteryHigh, motors, high_from, u16::MAX),
-            2 => (Fault::ServoBatteryLow, servos, NO_BATTERY, settings.servo_battery_low),
-            3 => (Fault::MainBatteryLow, main, NO_BATTERY, settings.main_battery_low),
-            4 => (Fault::DriverTooHot, driver_1, NO_DRIVER, settings.driver_hot),
-            5 => (Fault::DriverTooHot, driver_2, NO_DRIVER, settings.driver_hot),
-            6 => (Fault::AmbientTooHot, now.temperature, hot_from, NO_THERMOMETER),
+            2 => (Fault::ServoBatteryLow, servos, settings.no_battery, settings.servo_battery_low),
+            3 => (Fault::MainBatteryLow, main, settings.no_battery, settings.main_battery_low),
+            4 => (Fault::DriverTooHot, driver_1, settings.no_driver, settings.driver_hot),
+            5 => (Fault::DriverTooHot, driver_2, settings.no_driver, settings.driver_hot),
+            6 => (Fault::AmbientTooHot, now.temperature, hot_from, settings.no_thermometer),
             _ => return self.is_late(settings).then_some((Fault::PeriodMissed, self.latency_us)),
         };
         let looks = self.looks.get_mut(usize::from(self.turn & 7))?;

@@ -4,7 +4,8 @@
 //!   [`Argument`] is what a host's command carries;
 //! - [`SYNC`], [`Names`] and [`Standard`] are the session;
 //! - [`ArmCommand`] is what a host asks of the arm, [`ArmStatus`] and [`ArmInfo`] are what the arm
-//!   tells.
+//!   tells;
+//! - [`extension`] is what the original never had: settings, health, faults.
 //!
 //! # Where the documents are silent or contradict each other, and what we do
 //! | question | what this implementation does |
@@ -21,6 +22,7 @@
 //! | STOP with 7 to 254 | Refused: only 255 is all joints. |
 
 mod arm;
+pub mod extension;
 mod packet;
 mod report;
 mod session;

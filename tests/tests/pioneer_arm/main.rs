@@ -4,12 +4,14 @@
 //! - `motion`: joints, power, parking, the timers;
 //! - `arm_link`: the arm's own cable, INIT and CHECK;
 //! - `faults`: a fault of the board that stops the servos;
+//! - `extension`: the board's settings, health and faults over the wire;
 //! - `refusals`: what is not done, and hours of chaos.
 //!
 //! The calibration is the default one: home and centre at 127, 140 ticks to 90 degrees, 20 ms a
 //! tick.
 
 mod arm_link;
+mod extension;
 mod faults;
 mod motion;
 mod refusals;
@@ -18,6 +20,7 @@ mod session;
 use embassy_time::{Duration, Instant};
 use firmware::personality::pioneer_arm::{ArmCounters, PioneerArm};
 use hal_mock::board::{Make, VirtualBoard};
+use hal_mock::flash::Flash;
 use protocol::arcos::{
     Argument, ArmCommand, ArmStatus, JOINTS, Joint, Joints, Packet, Receiver, SYNC, Standard,
     StatusRequest, command, encode_command,
@@ -52,8 +55,13 @@ impl Host {
 
     /// An arm made otherwise.
     fn with(make: Make) -> Self {
-        let session = move |now| PioneerArm::new(make.settings.arm, now);
-        Self { board: VirtualBoard::with_session(make, session), receiver: Receiver::new() }
+        Self::with_flash(make, Flash::empty())
+    }
+
+    /// An arm whose board has this flash.
+    fn with_flash(make: Make, flash: Flash) -> Self {
+        let board = VirtualBoard::with_session(make, flash, PioneerArm::new);
+        Self { board, receiver: Receiver::new() }
     }
 
     /// An open session.

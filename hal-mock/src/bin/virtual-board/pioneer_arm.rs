@@ -3,7 +3,9 @@
 use std::fmt::Write;
 
 use embassy_time::Instant;
+use firmware::personality::Boot;
 use firmware::personality::pioneer_arm::PioneerArm;
+use firmware::settings::Settings;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::wire::Line;
 use protocol::arcos::{JOINTS, Receiver};
@@ -14,11 +16,16 @@ use crate::options::Options;
 use crate::pms5005::latched;
 use crate::values::numbers;
 
-/// The board that the options ask for.
-pub fn machine(options: &Options) -> Box<dyn Machine> {
-    let mut make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
-    make.settings.arm.dialect = options.dialect();
-    Box::new(VirtualBoard::with_session(make, move |now| PioneerArm::new(make.settings.arm, now)))
+/// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
+/// command line goes before the one in the settings.
+pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
+    let make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
+    let dialect = options.dialect();
+    let session = move |mut settings: Settings, boot: Boot, now: Instant| {
+        settings.arm.dialect = dialect.unwrap_or(settings.arm.dialect);
+        PioneerArm::new(settings, boot, now)
+    };
+    Ok(Box::new(VirtualBoard::with_session(make, options.flash()?, session)))
 }
 
 /// The input that tells that the arm is connected, when its cable is cut, and when it is not.

@@ -5,7 +5,6 @@ use std::fmt::Write;
 use embassy_time::Instant;
 use firmware::controller::Snapshot;
 use hal_mock::board::{Make, VirtualBoard};
-use hal_mock::flash::Flash;
 use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
@@ -29,15 +28,9 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
             scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
         }
     };
-    let flash = match &options.settings {
-        None => Flash::empty(),
-        Some(path) => {
-            Flash::open(path).map_err(|e| format!("--settings {}: {e}", path.display()))?
-        }
-    };
     let make =
         Make { scene, line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
-    Ok(Box::new(VirtualBoard::with_flash(make, flash)))
+    Ok(Box::new(VirtualBoard::with_flash(make, options.flash()?)))
 }
 
 impl Machine for VirtualBoard {

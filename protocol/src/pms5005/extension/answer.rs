@@ -59,6 +59,10 @@ codes! {
         Duty = 8,
         /// Microseconds.
         Microseconds = 9,
+        /// Seconds.
+        Seconds = 10,
+        /// Ticks of an arm's joint.
+        Ticks = 11,
     }
 }
 
@@ -370,7 +374,8 @@ impl<'a> Answer<'a> {
         Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data }.encode(out)
     }
 
-    fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+    /// Appends DATA.
+    pub(crate) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match self {
             Self::Setting(setting) => {
                 let representable = setting.number != 0

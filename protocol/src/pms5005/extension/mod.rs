@@ -57,6 +57,8 @@
 //! | | 3 | What came of it ([`Verdict`]) |
 //! | | 4 to 5 | Number of the setting that it is about, or 0 |
 //!
+//! A Pioneer Arm carries the same in [other packets](crate::arcos::extension).
+//!
 //! Nothing here is a measured value that could give way: unlike telemetry, DATA may hold `5E 0D`.
 
 mod answer;
