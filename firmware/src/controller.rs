@@ -223,9 +223,9 @@ impl Controller {
             let silence = i16::try_from(self.settings.link_timeout).unwrap_or(i16::MAX);
             self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
         }
-        if let Some((fault, reading)) = self.board.step(sensors, &self.settings.board_faults) {
-            let reading = i16::try_from(reading).unwrap_or(i16::MAX);
-            self.trip(fault, None, [reading, 0, 0]);
+        if let Some((fault, values)) = self.board.step(sensors, &self.settings.board_faults) {
+            let [first, second] = values.map(|value| i16::try_from(value).unwrap_or(i16::MAX));
+            self.trip(fault, None, [first, second, 0]);
         }
         let blocked = self.guard.step(sensors, &self.settings.collision);
         let outputs = self.drive(motion, blocked);

@@ -4,10 +4,11 @@
 use embassy_time::{Duration, Instant};
 use firmware::safety::faults::{Stops, stops};
 use firmware::settings::{Settings, SoftLimits};
-use hal_mock::board::Make;
+use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::clock;
+use hal_mock::flash::Flash;
 use hal_mock::plant::{MotorScene, Overrides, Scene, ShaftSensor};
-use protocol::pms5005::extension::{Answer, Fault, FaultRecord};
+use protocol::pms5005::extension::{Answer, Fault, FaultRecord, ResetCause};
 use protocol::pms5005::{
     Channel, Command, Gain, Loop, Method, Parameter, Quantity, Scope, Sensor, did,
 };
@@ -121,6 +122,12 @@ fn a_current_that_is_over_for_a_moment_or_just_below_is_no_fault() {
     bench.run_alive_ms(1000);
     assert_eq!((bench.bridge(0), latched(&bench)), ((16000, true), vec![]));
     bench.run_alive_ms(20_000);
+    assert_eq!((bench.bridge(0), latched(&bench)), ((16000, true), vec![]));
+    // What is given back within a second counts as limited: 950 ms are just too short for a fault.
+    change(&bench, |all| all.currents[0] = Some(4000));
+    bench.run_alive_ms(950);
+    change(&bench, |all| all.currents[0] = Some(0));
+    bench.run_alive_ms(2000);
     assert_eq!((bench.bridge(0), latched(&bench)), ((16000, true), vec![]));
     // An input that nothing is wired to.
     change(&bench, |all| all.currents[0] = Some(2048));
@@ -316,6 +323,18 @@ fn a_position_command_to_a_wheel_without_potentiometer_stops_by_itself() {
 
 #[test]
 fn sensors_that_stumble_or_that_nobody_uses_are_not_lost() {
+    // An encoder whose plug is loose for a moment.
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Velocity, 0, 2000, 0);
+    bench.run_alive_ms(1000);
+    for _ in 0..3 {
+        let stays = bench.position(0) as u16;
+        change(&bench, |all| all.encoders[0] = Some(stays));
+        bench.run_alive_ms(450);
+        change(&bench, |all| all.encoders[0] = None);
+        bench.run_alive_ms(2000);
+    }
+    assert!((1900.0..2100.0).contains(&bench.velocity(0)) && latched(&bench).is_empty());
     let mut bench = Bench::new();
     bench.drive(Quantity::Position, JOINT, 2500, 0);
     bench.run_alive_ms(1500);
@@ -472,8 +491,17 @@ fn batteries_and_temperatures_out_of_bounds_for_a_second_stop_everything() {
             assert_eq!(bench.pulse(3).is_none(), servo_stops, "{fault:?}");
             let record = first_record(&mut bench);
             assert_eq!((record.fault, record.channel), (fault, None));
-            let [value, ..] = record.values;
-            assert_eq!(value, wrong as i16, "{fault:?}");
+            let cool = 1850; // the simulated drivers are at 25 degrees
+            let is_driver = |ad: i16| (cool - 20..cool + 20).contains(&ad);
+            match (fault, record.values) {
+                (Fault::DriverTooHot, [first, second, 0]) => {
+                    let hot = wrong as i16;
+                    let told =
+                        (first == hot && is_driver(second)) || (is_driver(first) && second == hot);
+                    assert!(told && (wrong == 1095) == (first == hot), "{record:?}");
+                }
+                (_, values) => assert_eq!(values, [wrong as i16, 0, 0], "{fault:?}"),
+            }
             // The cause is still there: it trips again, at once and without a twitch.
             clear(&mut bench);
             bench.run_alive_ms(50);
@@ -530,6 +558,51 @@ fn link_loss_is_on_record_and_holds_nobody_back() {
     by_clearing(&mut bench);
     bench.run_alive_ms(50);
     assert_eq!((bench.bridge(0), latched(&bench)), ((-4000, true), vec![]));
+}
+
+/// What a fault that stops nothing leaves: its record, until it is cleared, and a board that drives.
+fn on_record_and_no_more(bench: &mut Bench, fault: Fault, at_ms: std::ops::RangeInclusive<u32>) {
+    assert_eq!(latched(bench), [(fault, None)]);
+    let record = first_record(bench);
+    assert_eq!((record.fault, record.channel, record.values), (fault, None, [0; 3]));
+    assert!(at_ms.contains(&record.uptime_ms), "{record:?}");
+    bench.drive(Quantity::Pwm, 0, 16384 - 4000, 0);
+    bench.run_alive_ms(100);
+    assert_eq!(bench.bridge(0), (-4000, true));
+    by_resuming_all(bench);
+    bench.run_alive_ms(50);
+    assert_eq!(latched(bench), [(fault, None)], "a resume is for what stops");
+    by_clearing(bench);
+    bench.run_alive_ms(50);
+    assert_eq!((bench.bridge(0), latched(bench)), ((-4000, true), vec![]));
+}
+
+#[test]
+fn lost_bytes_damaged_settings_and_a_start_by_the_watchdog_are_on_record_and_hold_nobody_back() {
+    let mut bench = driving(Settings::DEFAULT);
+    bench.board.line.overrun();
+    bench.run_ms(2);
+    assert_eq!(bench.bridge(0), (8000, true));
+    on_record_and_no_more(&mut bench, Fault::ReceiveOverrun, 500..=520);
+
+    let mut bench = Bench::new();
+    bench.board = VirtualBoard::with_flash(Make::default(), Flash::with(b"foreign"));
+    bench.run_ms(10);
+    on_record_and_no_more(&mut bench, Fault::SettingsCorrupt, 0..=0);
+    // Flash that was never written is none.
+    let mut bench = driving(Settings::DEFAULT);
+    assert_eq!(latched(&bench), []);
+
+    bench.board.start_again(ResetCause::Watchdog);
+    bench.run_ms(10);
+    assert_eq!(bench.bridge(0), (0, false));
+    on_record_and_no_more(&mut bench, Fault::WatchdogReset, 0..=0);
+    // Nor is any other start.
+    for cause in [ResetCause::Power, ResetCause::Pin, ResetCause::Software] {
+        bench.board.start_again(cause);
+        bench.run_ms(10);
+        assert_eq!(latched(&bench), [], "{cause:?}");
+    }
 }
 
 /// Lets so many periods begin a period late, each followed by so many in time.

@@ -25,9 +25,13 @@ pub struct BoardMonitor {
 }
 
 impl BoardMonitor {
-    /// One period: what has tripped, if anything, and the reading that did it. Whatever lasts,
-    /// trips again and again.
-    pub fn step(&mut self, now: &Sensors, settings: &BoardFaultSettings) -> Option<(Fault, u16)> {
+    /// One period: what has tripped, if anything, and the first values of
+    /// [`Fault::values`]. Whatever lasts, trips again and again.
+    pub fn step(
+        &mut self,
+        now: &Sensors,
+        settings: &BoardFaultSettings,
+    ) -> Option<(Fault, [u16; 2])> {
         self.lateness = self.lateness.saturating_sub(1);
         self.turn = self.turn.wrapping_add(1);
         let [main, motors, servos] = now.battery;
@@ -49,12 +53,17 @@ impl BoardMonitor {
             4 => (Fault::DriverTooHot, driver_1, settings.no_driver, settings.driver_hot),
             5 => (Fault::DriverTooHot, driver_2, settings.no_driver, settings.driver_hot),
             6 => (Fault::AmbientTooHot, now.temperature, hot_from, settings.no_thermometer),
-            _ => return self.is_late(settings).then_some((Fault::PeriodMissed, self.latency_us)),
+            _ => {
+                return self
+                    .is_late(settings)
+                    .then_some((Fault::PeriodMissed, [self.latency_us, 0]));
+            }
         };
         let looks = self.looks.get_mut(usize::from(self.turn & 7))?;
         let is_wrong = from <= reading && reading < to;
         *looks = if is_wrong { looks.saturating_add(1) } else { 0 };
-        (is_wrong && *looks > settings.lasts_ms >> LOOK_SHIFT).then_some((fault, reading))
+        let values = if fault == Fault::DriverTooHot { now.overheat } else { [reading, 0] };
+        (is_wrong && *looks > settings.lasts_ms >> LOOK_SHIFT).then_some((fault, values))
     }
 
     /// A control period has begun so late that it was missed.
