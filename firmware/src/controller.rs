@@ -27,7 +27,7 @@ use crate::fmt::warning;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{self, ChannelMonitor, Observed};
-use crate::safety::faults::{Faults, Latched};
+use crate::safety::latch::{Faults, Latched};
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
 use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
@@ -297,6 +297,16 @@ impl Controller {
             let output = self.axes[i].step(reading, &limits);
             outputs.motors[i] = self.watch(channel, output, reading, motion);
             outputs.servos[i] = self.servos[i].step();
+        }
+        // Whatever they are about: what is latched is off.
+        let latched = self.faults.latched();
+        for channel in Channel::ALL {
+            if latched.stops_motor(channel) {
+                outputs.motors[channel.index()] = MotorOutput::default();
+            }
+        }
+        if latched.stops_servos() {
+            outputs.servos = [None; CHANNELS];
         }
         outputs
     }

@@ -1,20 +1,6 @@
 //! Every threshold and every time of a fault is a setting: each is moved, and the fault moves with it.
 
-use embassy_time::{Duration, Instant};
-use firmware::settings::Settings;
-use hal_mock::board::Make;
-use hal_mock::clock;
-use hal_mock::plant::{MotorScene, Overrides, Scene, ShaftSensor};
-use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{Channel, Gain, Loop, Parameter, Quantity, Sensor};
-use tests::Bench;
-
-const WHEEL: Channel = Channel::ALL[0];
-const JOINT: usize = 2;
-
-fn change(bench: &Bench, change: impl FnOnce(&mut Overrides)) {
-    change(&mut bench.board.plant.borrow_mut().overrides);
-}
+use super::*;
 
 /// What goes wrong.
 type Cause = fn(&mut Bench);
