@@ -108,7 +108,7 @@ fn batteries_and_temperatures_out_of_bounds_for_a_second_stop_everything() {
             let off = until_off(&mut bench, 0, 2000);
             assert!((995..=1040).contains(&off), "{fault:?} at {wrong}: {off}");
             assert_eq!(bench.bridge(JOINT), (0, false));
-            let servo_stops = stops(fault) == Stops::MotorsAndServos;
+            let servo_stops = fault == Fault::ServoBatteryLow;
             assert_eq!(bench.pulse(3).is_none(), servo_stops, "{fault:?}");
             let record = first_record(&mut bench);
             assert_eq!((record.fault, record.channel), (fault, None));

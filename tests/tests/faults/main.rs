@@ -10,7 +10,6 @@ mod channel;
 mod settings;
 
 use embassy_time::{Duration, Instant};
-use firmware::safety::faults::{Stops, stops};
 use firmware::settings::{Settings, SoftLimits};
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::clock;

@@ -27,9 +27,8 @@
 
 mod arm;
 mod counters;
+mod extended;
 mod joint;
-
-use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use protocol::arcos::{
@@ -37,7 +36,6 @@ use protocol::arcos::{
     StatusRequest, command, extension,
 };
 use protocol::pms5005::Repeat;
-use protocol::pms5005::extension::{Outcome, Request as Asked};
 
 use super::extension::{Boot, Extension, Owed};
 use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused};
@@ -234,9 +232,8 @@ impl Answers {
             _ if self.syncs != 0 => Instant::MIN,
             Phase::Open if self.info || self.extension.owes() => Instant::MIN,
             Phase::Open => {
-                let health =
-                    if self.health == Repeat::Stop { Instant::MAX } else { self.health_at };
-                self.cycle_at.min(self.status_at.unwrap_or(Instant::MAX)).min(health)
+                let others = [self.status_at, self.health_is_due_at()];
+                others.into_iter().flatten().fold(self.cycle_at, Instant::min)
             }
             Phase::Closed | Phase::Synchronised(_) => Instant::MAX,
         }
@@ -265,7 +262,7 @@ impl Answers {
         if core::mem::take(&mut self.info) {
             return Some(Answer::Info);
         }
-        if self.health != Repeat::Stop && self.health_at <= now {
+        if self.health_is_due_at().is_some_and(|at| at <= now) {
             return Some(self.say_health());
         }
         if let Some(owed) = self.extension.next() {
@@ -275,16 +272,6 @@ impl Answers {
             return Some(Answer::Owed(owed));
         }
         status_is_due.then(|| self.say_status())
-    }
-
-    /// The next is that of the next cycle.
-    fn say_health(&mut self) -> Answer {
-        if let Repeat::Times(times) = self.health {
-            let left = NonZeroU8::new(times.get() - 1);
-            self.health = left.map_or(Repeat::Stop, Repeat::Times);
-        }
-        self.health_at = self.cycle_at;
-        Answer::Health
     }
 
     fn say_status(&mut self) -> Answer {
@@ -357,35 +344,6 @@ impl Answers {
             _ => count(&mut self.counters.out_of_turn),
         }
         None
-    }
-
-    /// Does what a request of the extension asks of the session.
-    fn extend(&mut self, request: Result<Asked<'_>, Outcome>, now: Instant) -> Option<Request> {
-        let (answer, request) = match request {
-            Ok(Asked::Health(repeat)) => {
-                // One that runs keeps its rhythm.
-                if self.health == Repeat::Stop {
-                    self.health_at = self.health_at.max(now);
-                }
-                self.health = repeat;
-                (None, None)
-            }
-            Ok(request) => self.extension.respond(request, now),
-            Err(outcome) => (Some(Owed::Outcome(outcome)), None),
-        };
-        self.settle(answer);
-        request
-    }
-
-    /// Notes an answer of the extension, if there is room and somebody to hear it.
-    fn settle(&mut self, answer: Option<Owed>) {
-        let Some(answer) = answer.filter(|_| self.phase == Phase::Open) else { return };
-        if answer.is_refusal() {
-            count(&mut self.counters.refused);
-        }
-        if !self.extension.owe(answer) {
-            count(&mut self.counters.answers_dropped);
-        }
     }
 
     /// SYNC `number` has come, and these still wait for their answers.
