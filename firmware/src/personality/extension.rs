@@ -259,6 +259,7 @@ impl Extension {
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
             faults: snapshot.faults.count() as u8, // 35 at the most
+            periods_missed: snapshot.counters.periods_missed,
         })
     }
 }

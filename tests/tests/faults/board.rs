@@ -248,6 +248,14 @@ fn control_periods_that_are_missed_are_counted_and_a_fault_when_they_persist() {
     assert_eq!((bench.bridge(0), latched(&bench)), ((0, false), vec![(Fault::PeriodMissed, None)]));
     let record = first_record(&mut bench);
     assert!((1000..=2100).contains(&record.values[0]), "{record:?}");
+    // Health tells how many they were in all.
+    bench.send_raw(98, &[1]);
+    bench.run_ms(60);
+    let told = bench.received().into_iter().find_map(|f| match Answer::parse(f.did, &f.data)? {
+        Answer::Health(health) => Some((health.faults, health.periods_missed)),
+        _ => None,
+    });
+    assert_eq!(told, Some((1, 110)));
     bench.run_alive_ms(1000);
     off_until_cleared_and_then_runs_again(&mut bench, 0, by_clearing);
     // One in eight for a long time; and one hole of half a second.

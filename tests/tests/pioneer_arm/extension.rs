@@ -110,10 +110,14 @@ fn requests_byte_by_byte() {
 #[test]
 fn answers_are_the_pms5005s_data_in_packets_of_the_same_number() {
     let outcome = Outcome { did: 7, first: 0x82, verdict: Verdict::Done, setting: 0 };
-    let health = Health { uptime_ms: 1, worst_latency_us: 2, stack_used: 3, faults: 4 };
+    let health =
+        Health { uptime_ms: 1, worst_latency_us: 2, stack_used: 3, faults: 4, periods_missed: 5 };
     for (answer, bytes) in [
         (Answer::Outcome(outcome), &[0xFA, 0xFB, 8, 101, 7, 0x82, 0, 0, 0, 0xE7, 0x07][..]),
-        (Answer::Health(health), &[0xFA, 0xFB, 12, 98, 1, 0, 0, 0, 2, 0, 3, 0, 4, 0x62, 0x0A]),
+        (
+            Answer::Health(health),
+            &[0xFA, 0xFB, 16, 98, 1, 0, 0, 0, 2, 0, 3, 0, 4, 5, 0, 0, 0, 0x67, 0x0A],
+        ),
     ] {
         let mut out = [0; 200];
         let packet = extension::encode_answer(&answer, &mut out).unwrap();

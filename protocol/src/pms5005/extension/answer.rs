@@ -184,6 +184,8 @@ pub struct Health {
     pub stack_used: u16,
     /// Latched faults.
     pub faults: u8,
+    /// Control periods that began so late that they were missed; wraps.
+    pub periods_missed: u32,
 }
 
 /// Everything that a board counts (DID 99), in the order of the wire. The counters wrap.
@@ -402,7 +404,8 @@ impl<'a> Answer<'a> {
                 append(data, &health.uptime_ms.to_le_bytes())?;
                 append(data, &health.worst_latency_us.to_le_bytes())?;
                 append(data, &health.stack_used.to_le_bytes())?;
-                append(data, &[health.faults])
+                append(data, &[health.faults])?;
+                append(data, &health.periods_missed.to_le_bytes())
             }
             Self::Counters(counters) => {
                 counters.words().iter().try_for_each(|counter| append(data, &counter.to_le_bytes()))
@@ -456,7 +459,14 @@ impl<'a> Answer<'a> {
                 let uptime_ms = u32::from_le_bytes(fields.bytes()?);
                 let [worst_latency_us, stack_used] = fields.words()?;
                 let [faults] = fields.bytes()?;
-                Self::Health(Health { uptime_ms, worst_latency_us, stack_used, faults })
+                let periods_missed = u32::from_le_bytes(fields.bytes()?);
+                Self::Health(Health {
+                    uptime_ms,
+                    worst_latency_us,
+                    stack_used,
+                    faults,
+                    periods_missed,
+                })
             }
             did::COUNTERS => {
                 let mut words = [0; Counters::COUNT];

@@ -45,6 +45,7 @@
 //! | | 5 to 6 | Worst control latency since boot in microseconds: from the tick that begins a control period until its outputs stand |
 //! | | 7 to 8 | Stack high-water mark: the most that was ever used, in bytes; 0 is unknown |
 //! | | 9 | Latched faults |
+//! | | 10 to 13 | Control periods missed: those that have begun a period late or more; wraps |
 //! | 99 | 1 to 72 | 18 counters of 4 bytes, in the order of [`Counters`]; they wrap |
 //! | 100 | 1 | Place in the list, as asked |
 //! | | 2 | Latched faults; when the place is not below it, nothing follows |
