@@ -382,6 +382,13 @@ impl Controller {
                 self.configure(configuration, motion);
                 Ok(())
             }
+            Command::Adopt(ref settings) => {
+                self.settings = *settings;
+                for axis in &mut self.axes {
+                    axis.set_full_speed(settings.full_speed(axis.sensor()));
+                }
+                Ok(())
+            }
             Command::Run { scope, run } => {
                 if run {
                     self.faults.clear(scope, true);
@@ -463,12 +470,6 @@ impl Controller {
     }
 
     fn configure(&mut self, configuration: &Configuration, motion: &MotionInputs) {
-        if let Some(settings) = configuration.settings {
-            self.settings = settings;
-            for axis in &mut self.axes {
-                axis.set_full_speed(settings.full_speed(axis.sensor()));
-            }
-        }
         for (channel, changes) in Channel::ALL.into_iter().zip(&configuration.channels) {
             if let Some(sensor) = changes.sensor {
                 self.set_sensor(channel, sensor, true, motion);

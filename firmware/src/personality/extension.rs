@@ -13,7 +13,7 @@ use protocol::pms5005::extension::{
 use protocol::pms5005::{Scope, did, extension};
 
 use super::{Request, Upkeep, UpkeepRefused};
-use crate::command::{Command, Configuration};
+use crate::command::Command;
 use crate::controller::{ShownFault, Snapshot};
 use crate::ports::Program;
 use crate::settings::{SettingRefused, Settings};
@@ -187,7 +187,7 @@ impl Extension {
 
     /// The command that makes the controller's settings those in force here.
     fn adopt(&self) -> Command {
-        Command::Configure(Configuration::of_settings(self.settings.control))
+        Command::Adopt(self.settings.control)
     }
 
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {

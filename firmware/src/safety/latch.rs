@@ -9,7 +9,7 @@
 //!
 //! Every DC channel stands in one of these, and so do the servos, all six together. A fault *trips*
 //! when its monitor says so, and is *latched* then: it keeps off what it
-//! [stops](super::faults::stops), and its record (when, which values) stands, until a host clears it.
+//! [stops], and its record (when, which values) stands, until a host clears it.
 //!
 //! | arrow | where it is in [`controller`](crate::controller) |
 //! |---|---|
