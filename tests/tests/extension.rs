@@ -7,7 +7,9 @@ use protocol::pms5005::extension::{
     Action, Answer, Assignments, Counters, Description, Fault, FaultRecord, Health, Identity,
     Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
 };
-use protocol::pms5005::{Channel, Command, Data, Frame, Quantity, Repeat, Reports, Scope, did};
+use protocol::pms5005::{
+    Channel, Command, Data, EncodeError, Frame, Quantity, Repeat, Reports, Scope, did,
+};
 use tests::{Bench, Received};
 
 /// DID and DATA of a request, as they stand in the frame.
@@ -133,6 +135,7 @@ fn table_e_2_byte_by_byte() {
         default: 0x0708_090A,
         unit: Unit::Centimetres,
         name: "abc",
+        member: None,
     };
     let bytes = [
         [2, 1, 4, 3, 0xFE, 0xFF, 0xFF, 0xFF, 0xFD, 0xFF, 0xFF, 0xFF].as_slice(),
@@ -141,6 +144,17 @@ fn table_e_2_byte_by_byte() {
     assert_eq!(told(Answer::Setting(setting)), (96, bytes.concat()));
     let last = Description { next: None, ..setting };
     assert_eq!(told(Answer::Setting(last)).1[2..4], [0, 0]);
+    let fifth = Description { member: Some(5), ..setting };
+    assert_eq!(told(Answer::Setting(fifth)).1[21..], *b"abc 5");
+    // What would read as another is not told.
+    for bad in [
+        Description { name: "abc 5", ..setting },
+        Description { member: Some(10), ..setting },
+        Description { name: "a name of more than 24 bytes", ..setting },
+    ] {
+        let refused = Answer::Setting(bad).encode(&mut [0; 264]).err();
+        assert_eq!(refused, Some(EncodeError::NotRepresentable), "{bad}");
+    }
 
     let identity = Identity {
         version: [1, 2, 3],

@@ -20,12 +20,15 @@ pub enum SettingRefused {
 
 /// The row of a setting, and its place there.
 fn find(number: u16) -> Option<(&'static Row, usize)> {
-    TABLE.iter().find_map(|row| Some((row, row.all.iter().position(|all| all.0 == number)?)))
+    let place =
+        |row: &'static Row| Some((row, (0..row.count()).find(|&n| row.number(n) == number)?));
+    TABLE.iter().find_map(place)
 }
 
 /// The lowest number above this one.
 fn next(number: u16) -> Option<u16> {
-    TABLE.iter().flat_map(|row| row.all).map(|all| all.0).filter(|&next| next > number).min()
+    let numbers = TABLE.iter().flat_map(|row| (0..row.count()).map(|n| row.number(n)));
+    numbers.filter(|&next| next > number).min()
 }
 
 impl Settings {
@@ -80,9 +83,8 @@ impl Settings {
 
     /// All of them, with their numbers, in the order of the rows.
     pub fn iter(&self) -> impl Iterator<Item = (u16, i32)> {
-        let of_row = |row: &'static Row| {
-            row.all.iter().enumerate().map(|(n, all)| (all.0, (row.get)(self, n)))
-        };
+        let of_row =
+            |row: &'static Row| (0..row.count()).map(|n| (row.number(n), (row.get)(self, n)));
         TABLE.iter().flat_map(of_row)
     }
 
@@ -98,7 +100,8 @@ impl Settings {
             range: row.range,
             default: (row.get)(&Self::DEFAULT, n),
             unit: row.unit,
-            name: row.all.get(n)?.1,
+            name: row.name,
+            member: row.member(n),
         })
     }
 }
@@ -112,11 +115,11 @@ mod tests {
     fn every_default_is_the_documented_one_and_in_range() {
         Settings::DEFAULT.check().unwrap();
         for (row, documented) in TABLE.iter().zip(DOCUMENTED) {
-            for (n, (_, name)) in row.all.iter().enumerate() {
+            assert!(row.name.is_ascii() && row.name.len() <= Description::LONGEST_NAME);
+            for n in 0..row.count() {
                 let default = (row.get)(&Settings::DEFAULT, n);
-                assert_eq!(default, *documented, "{name}");
-                assert!((row.range.0..=row.range.1).contains(&default), "{name}");
-                assert!(name.is_ascii() && name.len() <= Description::LONGEST_NAME);
+                assert_eq!(default, *documented, "{}", row.name);
+                assert!((row.range.0..=row.range.1).contains(&default), "{}", row.name);
             }
         }
     }
@@ -152,14 +155,14 @@ mod tests {
         let mut next = Some(0);
         while let Some(number) = next {
             let description = Settings::DEFAULT.describe(number).unwrap();
-            walked.push((description.number, description.name));
+            walked.push((description.number, description.to_string()));
             next = description.next;
         }
         assert!(walked.is_sorted_by(|a, b| a.0 < b.0), "no number twice");
         assert_eq!(walked.len(), COUNT);
-        let named = |number| walked.iter().find(|setting| setting.0 == number).unwrap().1;
-        assert_eq!((named(80), named(91)), ("soft limit 0 low", "soft limit 5 high"));
-        assert_eq!((named(128), named(173)), ("joint 1 speed", "joint 6 ticks per 90"));
+        let named = |number| &*walked.iter().find(|setting| setting.0 == number).unwrap().1;
+        assert_eq!((named(80), named(91)), ("soft limit low 0", "soft limit high 5"));
+        assert_eq!((named(128), named(173)), ("joint speed 1", "joint ticks per 90 6"));
         assert_eq!(Settings::DEFAULT.describe(5), None);
     }
 

@@ -36,7 +36,7 @@
 //! | | 9 to 12, 13 to 16 | Lowest and highest value |
 //! | | 17 to 20 | Default |
 //! | | 21 | Unit ([`Unit`]) |
-//! | | 22 to the end | Name, ASCII, 24 bytes at most |
+//! | | 22 to the end | Name, ASCII, 24 bytes at most; of several of one name (channels, joints) a space and a digit behind it tell which |
 //! | 97 | 1, 2, 3 | Version of the firmware: major, minor, patch |
 //! | | 4 | Version of this extension: 1 |
 //! | | 5 | Why the board has started ([`ResetCause`]) |
