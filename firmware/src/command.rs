@@ -36,6 +36,8 @@ pub enum Command {
     },
     /// Change parameters, all in the same period.
     Configure(Configuration),
+    /// Go by these settings from now on.
+    Adopt(ControlSettings),
     /// Suspend (`run` false) or resume.
     Run {
         /// Whom.
@@ -60,7 +62,6 @@ pub enum Command {
 pub struct Configuration {
     pub(crate) channels: [ChannelConfiguration; CHANNELS],
     pub(crate) collision_protection: Option<bool>,
-    pub(crate) settings: Option<ControlSettings>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,11 +95,6 @@ impl GainChanges {
 }
 
 impl Configuration {
-    /// Nothing but these settings.
-    pub fn of_settings(settings: ControlSettings) -> Self {
-        Self { settings: Some(settings), ..Self::default() }
-    }
-
     /// Adds one parameter.
     ///
     /// # Errors

@@ -27,7 +27,7 @@ use crate::fmt::warning;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{self, ChannelMonitor, Observed};
-use crate::safety::faults::{Faults, Latched};
+use crate::safety::latch::{Faults, Latched};
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
 use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
@@ -223,9 +223,9 @@ impl Controller {
             let silence = i16::try_from(self.settings.link_timeout).unwrap_or(i16::MAX);
             self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
         }
-        if let Some((fault, reading)) = self.board.step(sensors, &self.settings.board_faults) {
-            let reading = i16::try_from(reading).unwrap_or(i16::MAX);
-            self.trip(fault, None, [reading, 0, 0]);
+        if let Some((fault, values)) = self.board.step(sensors, &self.settings.board_faults) {
+            let [first, second] = values.map(|value| i16::try_from(value).unwrap_or(i16::MAX));
+            self.trip(fault, None, [first, second, 0]);
         }
         let blocked = self.guard.step(sensors, &self.settings.collision);
         let outputs = self.drive(motion, blocked);
@@ -297,6 +297,16 @@ impl Controller {
             let output = self.axes[i].step(reading, &limits);
             outputs.motors[i] = self.watch(channel, output, reading, motion);
             outputs.servos[i] = self.servos[i].step();
+        }
+        // Whatever they are about: what is latched is off.
+        let latched = self.faults.latched();
+        for channel in Channel::ALL {
+            if latched.stops_motor(channel) {
+                outputs.motors[channel.index()] = MotorOutput::default();
+            }
+        }
+        if latched.stops_servos() {
+            outputs.servos = [None; CHANNELS];
         }
         outputs
     }
@@ -370,6 +380,13 @@ impl Controller {
             }
             Command::Configure(ref configuration) => {
                 self.configure(configuration, motion);
+                Ok(())
+            }
+            Command::Adopt(ref settings) => {
+                self.settings = *settings;
+                for axis in &mut self.axes {
+                    axis.set_full_speed(settings.full_speed(axis.sensor()));
+                }
                 Ok(())
             }
             Command::Run { scope, run } => {
@@ -453,12 +470,6 @@ impl Controller {
     }
 
     fn configure(&mut self, configuration: &Configuration, motion: &MotionInputs) {
-        if let Some(settings) = configuration.settings {
-            self.settings = settings;
-            for axis in &mut self.axes {
-                axis.set_full_speed(settings.full_speed(axis.sensor()));
-            }
-        }
         for (channel, changes) in Channel::ALL.into_iter().zip(&configuration.channels) {
             if let Some(sensor) = changes.sensor {
                 self.set_sensor(channel, sensor, true, motion);

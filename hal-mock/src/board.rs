@@ -83,7 +83,7 @@ impl VirtualBoard {
 
     /// A PMS5005 that has just been switched on, with what this flash holds.
     pub fn with_flash(make: Make, flash: Flash) -> Self {
-        Self::assembled(make, flash, Pms5005::new)
+        Self::with_session(make, flash, Pms5005::new)
     }
 
     /// Frames and commands refused so far: by the session for what they say, by the controller for
@@ -94,12 +94,9 @@ impl VirtualBoard {
 }
 
 impl<S: Session + 'static> VirtualBoard<S> {
-    /// A board that has just been switched on, with a session made for the time of each start.
-    pub fn with_session(make: Make, mut session: impl FnMut(Instant) -> S + 'static) -> Self {
-        Self::assembled(make, Flash::empty(), move |_, _, now| session(now))
-    }
-
-    fn assembled(
+    /// A board that has just been switched on, with what this flash holds and a session made at each
+    /// start.
+    pub fn with_session(
         make: Make,
         flash: Flash,
         mut session: impl FnMut(Settings, Boot, Instant) -> S + 'static,

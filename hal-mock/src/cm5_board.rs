@@ -13,9 +13,11 @@
 //! assert_eq!(Hello::parse(Packet::parse(&packet).unwrap().params), Some(Hello { ids: &[7] }));
 //! ```
 
-use std::cell::{Ref, RefCell};
+use std::cell::{Cell, Ref, RefCell};
 use std::rc::Rc;
 
+use embassy_futures::join::join4;
+use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant};
 use firmware::app;
@@ -26,6 +28,7 @@ use crate::clock;
 use crate::plant::Ax12;
 use crate::running::Running;
 use crate::servo_bus::{self, MasterEnd, ServoBus};
+use crate::tasks::Watchdog;
 use crate::wire::Line;
 
 /// What a virtual CM-5 is made of.
@@ -53,11 +56,27 @@ impl Default for Make {
     }
 }
 
+/// A loop of the bridge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Task {
+    /// [`app::bridge_receive`].
+    Receive,
+    /// [`app::bridge_transmit`].
+    Transmit,
+    /// [`app::bridge_bus`].
+    Bus,
+    /// [`app::bridge_supervise`].
+    Supervision,
+}
+
 /// A CM-5 on virtual time. There is one board at a time in a thread: making another sets the
 /// thread's clock back to zero.
 pub struct Cm5Board {
     running: Running,
     bridge: Rc<RefCell<Bridge>>,
+    restarts: Rc<Cell<u32>>,
+    /// What starts the bridge again when it hangs, and what makes it hang.
+    pub watchdog: Rc<Watchdog<Task>>,
     /// The line to the PC.
     pub line: Line,
     /// The servos on their bus, in the order they were given.
@@ -70,18 +89,36 @@ impl Cm5Board {
         clock::reset();
         let line = Line::new(make.line_rate);
         let bus = MasterEnd::new(ServoBus::new(make.bus, make.servos));
-        let bridge = Rc::new(RefCell::new(Bridge::new(make.settings, Instant::now())));
+        let new_bridge = move || Bridge::new(make.settings, Instant::now());
+        let bridge = Rc::new(RefCell::new(new_bridge()));
+        let watchdog = Rc::new(Watchdog::new());
+        let restarts = Rc::new(Cell::new(0));
         let running = Running::new({
             let (mut pc_rx, mut pc_tx) = line.board_end();
             let (mut bus_rx, mut bus_tx) = bus.split();
-            let bridge = bridge.clone();
+            let (bridge, watchdog, restarts) = (bridge.clone(), watchdog.clone(), restarts.clone());
             async move {
-                let presence = app::bridge_presence::<NoopRawMutex>();
-                let (pc, bus) = ((&mut pc_rx, &mut pc_tx), (&mut bus_rx, &mut bus_tx));
-                app::bridge(pc, bus, &bridge, &presence).await;
+                loop {
+                    let all = app::BridgeChannels::<NoopRawMutex>::new();
+                    let (rx, tx) = (&mut bus_rx, &mut bus_tx);
+                    let feed = || watchdog.feed();
+                    let watch = &watchdog;
+                    let loops = join4(
+                        watch.watch(Task::Receive, app::bridge_receive(&mut pc_rx, &bridge, &all)),
+                        watch
+                            .watch(Task::Transmit, app::bridge_transmit(&mut pc_tx, &bridge, &all)),
+                        watch.watch(Task::Bus, app::bridge_bus(rx, tx, &bridge, &all)),
+                        watch.watch(Task::Supervision, app::bridge_supervise(feed, &all)),
+                    );
+                    select(loops, watchdog.bites()).await;
+                    bridge.replace(new_bridge());
+                    watchdog.hung.set(None);
+                    watchdog.feed();
+                    restarts.set(restarts.get() + 1);
+                }
             }
         });
-        Self { running, bridge, line, bus }
+        Self { running, bridge, restarts, watchdog, line, bus }
     }
 
     /// Runs until `time`.
@@ -92,6 +129,11 @@ impl Cm5Board {
     /// Runs for some time.
     pub fn run_for(&mut self, time: Duration) {
         self.run_until(Instant::now() + time);
+    }
+
+    /// Times that the watchdog has started it again.
+    pub fn restarts(&self) -> u32 {
+        self.restarts.get()
     }
 
     /// The bridge, to look at.

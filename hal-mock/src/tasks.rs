@@ -44,13 +44,13 @@ pub enum Task {
 }
 
 /// A watchdog that bites when it is not fed, and the hand that can make a task hang.
-pub struct Watchdog {
+pub struct Watchdog<T = Task> {
     fed: Cell<Instant>,
     /// The task that hangs: it is not polled any more.
-    pub hung: Cell<Option<Task>>,
+    pub hung: Cell<Option<T>>,
 }
 
-impl Watchdog {
+impl<T: Copy + PartialEq> Watchdog<T> {
     /// Fed just now, and nothing hangs.
     pub fn new() -> Self {
         Self { fed: Cell::new(Instant::now()), hung: Cell::new(None) }
@@ -72,7 +72,8 @@ impl Watchdog {
         }
     }
 
-    async fn watch<T>(&self, task: Task, future: impl Future<Output = T>) -> T {
+    /// Runs a task, unless it hangs.
+    pub async fn watch<U>(&self, task: T, future: impl Future<Output = U>) -> U {
         let mut future = pin!(future);
         poll_fn(|context| match self.hung.get() {
             Some(hung) if hung == task => Poll::Pending,
@@ -82,7 +83,7 @@ impl Watchdog {
     }
 }
 
-impl Default for Watchdog {
+impl<T: Copy + PartialEq> Default for Watchdog<T> {
     fn default() -> Self {
         Self::new()
     }

@@ -8,12 +8,12 @@
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::convert::Infallible;
-use std::future::poll_fn;
+use std::future::{pending, poll_fn};
 use std::rc::Rc;
 use std::task::{Poll, Waker};
 
 use embassy_time::{Instant, Timer};
-use embedded_io_async::{ErrorType, Read, Write};
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 /// Bytes after which the receiver's side looks at what has come.
 const PIECE: usize = 16;
@@ -33,6 +33,10 @@ struct State {
     to_host_busy: u64,
     to_host: VecDeque<(Instant, Vec<u8>)>,
     reader: Option<Waker>,
+    /// The board's receiver has lost bytes and is to say so.
+    has_overrun: bool,
+    /// The board's transmitter hangs.
+    tx_hangs: bool,
 }
 
 impl Line {
@@ -47,6 +51,8 @@ impl Line {
             to_host_busy: 0,
             to_host: VecDeque::new(),
             reader: None,
+            has_overrun: false,
+            tx_hangs: false,
         })))
     }
 
@@ -63,6 +69,23 @@ impl Line {
         if let Some(reader) = state.reader.take() {
             reader.wake();
         }
+    }
+
+    /// The board's receiver loses whatever is on the line, and says so once.
+    pub fn overrun(&self) {
+        let mut state = self.0.borrow_mut();
+        state.to_board.clear();
+        state.pieces.clear();
+        state.has_overrun = true;
+        if let Some(reader) = state.reader.take() {
+            reader.wake();
+        }
+    }
+
+    /// From now on what the board sends never leaves, and its `write` never ends; or all is right
+    /// again for those that begin then.
+    pub fn hang_transmitter(&self, hangs: bool) {
+        self.0.borrow_mut().tx_hangs = hangs;
     }
 
     /// Bytes of the host that have not reached the board yet.
@@ -116,24 +139,27 @@ pub(crate) async fn until(ns: u64) {
 pub struct BoardRx(Line);
 
 impl ErrorType for BoardRx {
-    type Error = Infallible;
+    type Error = ErrorKind;
 }
 
 impl Read for BoardRx {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
         let line = &self.0.0;
         loop {
             let first = poll_fn(|context| {
                 let mut state = line.borrow_mut();
+                if std::mem::take(&mut state.has_overrun) {
+                    return Poll::Ready(Err(ErrorKind::Other));
+                }
                 match state.pieces.front() {
-                    Some(&(arrives, _)) => Poll::Ready(arrives),
+                    Some(&(arrives, _)) => Poll::Ready(Ok(arrives)),
                     None => {
                         state.reader = Some(context.waker().clone());
                         Poll::Pending
                     }
                 }
             })
-            .await;
+            .await?;
             until(first).await;
             let count = line.borrow_mut().take_arrived(buffer);
             if count > 0 {
@@ -175,6 +201,9 @@ impl ErrorType for BoardTx {
 impl Write for BoardTx {
     async fn write(&mut self, frame: &[u8]) -> Result<usize, Infallible> {
         let line = &self.0.0;
+        if line.borrow().tx_hangs {
+            pending::<()>().await;
+        }
         let end = {
             let mut state = line.borrow_mut();
             state.to_host_busy = begin(state.to_host_busy) + state.byte_ns * frame.len() as u64;

@@ -10,8 +10,10 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use protocol::arcos::{
-    ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest,
+    ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest, extension,
 };
+use protocol::pms5005::Data;
+use protocol::pms5005::extension::{Action, Assignments, Request, Verdict};
 use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -190,6 +192,33 @@ fn the_arms_cable_can_be_cut_and_mended() {
 }
 
 #[test]
+fn a_low_servo_battery_stops_the_arm_until_it_is_good_again_and_init_has_come() {
+    let board = Board::start(&["--dialect", "aria"]);
+    let mut host = over_tcp(&board);
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 147));
+    host.until(|status| status[..4] == [0, 0b0111, 127, 147]);
+    board.ask(json!({"set": {"battery": [null, null, 1700]}}));
+    // Neither good nor initialised nor powered; and the joint is where it was.
+    host.until(|status| status[..4] == [0, 0, 127, 147]);
+    let state = board.ask(json!({"get": "state"}));
+    assert_eq!(state["joints"][1]["powered"], json!(false));
+    assert_eq!(state["faults"], json!(["needs_init", "servo_battery_low"]));
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 127));
+    host.until(|status| status[..4] == [0, 0, 127, 147]);
+
+    board.ask(json!({"set": {"battery": null}}));
+    std::thread::sleep(Duration::from_millis(100));
+    host.send(ArmCommand::Init);
+    host.until(|status| status[1] == 0b0011);
+    host.send(ArmCommand::Power(true));
+    host.send(position(2, 127));
+    host.until(|status| status[..4] == [0, 0b0111, 127, 127]);
+    assert_eq!(board.ask(json!({"get": "state"}))["faults"], json!([]));
+}
+
+#[test]
 fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
     for (dialect, status) in [("aria", [0, 0b0111]), ("manual-b0", [0b11, 0])] {
         let board = Board::start(&["--dialect", dialect, "--line-rate", "9600"]);
@@ -198,6 +227,34 @@ fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
         host.send(ArmCommand::Power(true));
         host.until(|now| now[..2] == status);
     }
+}
+
+#[test]
+fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_them() {
+    let file = std::env::temp_dir().join(format!("arm-settings-{}", std::process::id()));
+    let path = file.to_str().unwrap();
+    let board = Board::start(&["--settings", path]);
+    let mut host = over_tcp(&board);
+    let mut data = Data::new();
+    // ARIA's dialect, joint 2's home.
+    for (number, value) in [(112, 2), (137, 90)] {
+        Assignments::emit(number, value, &mut data).unwrap();
+    }
+    let set = Request::Set(Assignments::parse(&data).unwrap());
+    for request in [set, Request::Do(Action::Save)] {
+        host.stream.write_all(extension::encode_request(&request, &mut [0; 40]).unwrap()).unwrap();
+        assert_eq!(host.receive(101)[2], Verdict::Done.code(), "{request:?}");
+    }
+    drop(board);
+    for (options, status) in [
+        (&["--settings", path][..], [0, 0b0011, 127, 90]),
+        (&["--settings", path, "--dialect", "manual"], [0b10, 0, 127, 90]),
+    ] {
+        let board = Board::start(options);
+        let mut host = over_tcp(&board);
+        assert_eq!(host.until(|_| true)[..4], status);
+    }
+    std::fs::remove_file(file).unwrap();
 }
 
 #[test]

@@ -31,7 +31,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         next = ask(&mut board, Request::Setting(number), |answer| {
             let Answer::Setting(s) = answer else { return None };
             let (low, high) = s.range;
-            println!("{:3} {:24} {:8} {:?}, {low} to {high}", s.number, s.name, s.value, s.unit);
+            let (name, unit) = (s.to_string(), s.unit);
+            println!("{:3} {name:24} {:8} {unit:?}, {low} to {high}", s.number, s.value);
             Some(s.next)
         })?;
     }

@@ -7,7 +7,7 @@
 //! - `tests/store.rs`: settings in a flash that loses power at any byte;
 //! - `tests/control.rs`: the loops against the simulated motors, with bounds on both sides;
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/refusals.rs`: what is not done;
-//! - `tests/faults.rs`: every fault and its near miss;
+//! - `tests/faults/`: every fault and its near miss, every setting of them;
 //! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;

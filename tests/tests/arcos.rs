@@ -202,6 +202,7 @@ fn armpac_field_by_field_in_every_dialect() {
     let status = ArmStatus {
         powered: true,
         connected: true,
+        good: true,
         initialised: true,
         homing: false,
         moving: [true, false, false, false, false, true],
@@ -227,7 +228,8 @@ fn armpac_field_by_field_in_every_dialect() {
     for (status, manual, aria) in [
         (none, [0, 0], [0, 0]),
         (ArmStatus { powered: true, ..none }, [1, 0], [0, 4]),
-        (ArmStatus { connected: true, ..none }, [2, 0], [0, 1]),
+        (ArmStatus { connected: true, ..none }, [2, 0], [0, 0]),
+        (ArmStatus { good: true, ..none }, [0, 0], [0, 1]),
         (ArmStatus { initialised: true, ..none }, [0, 0], [0, 2]),
         (ArmStatus { homing: true, ..none }, [0, 0], [0, 8]),
     ] {
@@ -374,7 +376,9 @@ proptest! {
     ) {
         let mut out = [0; 200];
         let [powered, connected, initialised, homing] = bits;
-        let status = ArmStatus { powered, connected, initialised, homing, moving, positions };
+        // Neither dialect has a place for both.
+        let good = connected;
+        let status = ArmStatus { powered, connected, good, initialised, homing, moving, positions };
         let bytes = status.encode(Dialect::Aria, &mut out).unwrap();
         prop_assert_eq!(ArmStatus::parse(&parsed(bytes), Dialect::Aria), Some(status));
         // The manual's dialect has no place for two of them.

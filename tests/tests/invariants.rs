@@ -12,7 +12,7 @@ use firmware::controller::{Controller, Snapshot};
 use firmware::personality::pms5005::{Boot, Pms5005};
 use firmware::personality::{MAX_FRAME, Request, Session};
 use firmware::ports::Sensors;
-use firmware::settings::Settings;
+use firmware::settings::{Settings, SoftLimits};
 use hal_mock::plant::{Overrides, Plant, Scene};
 use protocol::pms5005::extension::{Action, Fault, Request as Extension};
 use protocol::pms5005::{
@@ -24,6 +24,10 @@ use protocol::pms5005::{
 const SEEDS: u64 = 4;
 /// Periods of 1 ms for each seed.
 const PERIODS: u32 = 6 * 3_600_000;
+
+/// The channel with soft limits: it has no sensor but its potentiometer.
+const LIMITED: Channel = Channel::ALL[5];
+const SOFT: SoftLimits = SoftLimits { low: 1000, high: 3000 };
 
 /// A small generator, so that the sequence is the same for ever.
 struct Random(u64);
@@ -153,7 +157,7 @@ struct Model {
     motors: [bool; CHANNELS],
     servos: [bool; CHANNELS],
     pulsed: [bool; CHANNELS],
-    reversed: [bool; 2],
+    reversed: [bool; CHANNELS],
     /// Periods since each DC channel was latched off; since a frame came.
     latched: [u32; CHANNELS],
     silence: u32,
@@ -229,11 +233,13 @@ impl Model {
                 assert!(servo.is_none(), "a pulse under a fault: {}", at());
                 self.servos[i] = false;
             }
-            if let Some(reversed) = self.reversed.get(i)
-                && now.obstacle
-            {
-                let forward = if *reversed { -duty } else { duty };
-                assert!(forward <= 0, "towards an obstacle: {}", at());
+            let upwards = if self.reversed[i] { -duty } else { duty };
+            assert!(!now.obstacle || i > 1 || upwards <= 0, "towards an obstacle: {}", at());
+            if channel == LIMITED {
+                let position = now.motion.potentiometers[i] as i16;
+                let is_within =
+                    (position < SOFT.high || upwards <= 0) && (position > SOFT.low || upwards >= 0);
+                assert!(is_within, "beyond its soft limit {position}: {}", at());
             }
         }
         assert!(self.silence < 2000 || now.link_loss, "silence is noticed: {}", at());
@@ -245,6 +251,7 @@ fn chaos(seed: u64) -> [u32; 32] {
     let mut random = Random(seed);
     let mut settings = Settings::DEFAULT;
     settings.control.board_faults.motor_battery_high = 3000;
+    settings.control.soft_limits[LIMITED.index()] = SOFT;
     let mut controller = Controller::new(settings.control);
     let mut session = Pms5005::new(settings, Boot::default(), Instant::from_millis(0));
     let mut plant = Plant::new(Scene::default(), seed);

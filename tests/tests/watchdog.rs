@@ -1,26 +1,10 @@
 //! Tasks that hang, one after the other: nothing is driven any more within 100 ms, and the board
 //! starts again within 500 ms. And a line that loses bytes.
 
-use std::cell::Cell;
-use std::future::pending;
-use std::pin::pin;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::task::{Wake, Waker};
-
-use embassy_futures::join::join3;
-use embassy_time::Instant;
-use embedded_io_async::{ErrorKind, ErrorType, Read};
-use firmware::app;
-use firmware::controller::Controller;
-use firmware::personality::pms5005::{Boot, Pms5005};
-use firmware::ports::{MotionInputs, MotionPort, Outputs};
-use firmware::settings::Settings;
-use hal_mock::board::{Make, VirtualBoard};
-use hal_mock::tasks::{self, Task};
-use hal_mock::wire::Line;
+use hal_mock::board::Make;
+use hal_mock::tasks::Task;
 use protocol::pms5005::extension::{Fault, did};
-use protocol::pms5005::{Channel, Quantity};
+use protocol::pms5005::{Command, Quantity};
 use tests::Bench;
 
 /// A bench that drives everything, `phase` ms after it was switched on.
@@ -124,63 +108,38 @@ fn tasks_that_are_busy_but_alive_let_nothing_starve() {
     assert_eq!(latched(&bench), []);
 }
 
-struct Still;
-
-impl MotionPort for Still {
-    fn sample(&mut self) -> MotionInputs {
-        MotionInputs::default()
-    }
-
-    fn drive(&mut self, _outputs: &Outputs) {}
-}
-
-/// A line that has lost bytes once, and is silent otherwise.
-struct Overrun(Cell<bool>);
-
-impl ErrorType for Overrun {
-    type Error = ErrorKind;
-}
-
-impl Read for Overrun {
-    async fn read(&mut self, _buffer: &mut [u8]) -> Result<usize, ErrorKind> {
-        match self.0.take() {
-            true => Err(ErrorKind::Other),
-            false => pending().await,
+#[test]
+fn a_transmitter_that_never_ends_is_a_hang_too_though_the_host_is_heard() {
+    for phase in 0..20 {
+        let mut bench = driving(5 * phase);
+        bench.board.line.hang_transmitter(true);
+        let (mut off, mut reset) = (None, None);
+        for ms in 1..=700 {
+            if ms % 100 == 0 {
+                bench.send(Command::Ping);
+            }
+            bench.run_ms(1);
+            off = off.or(is_off(&bench).then_some(ms));
+            if reset.is_none() && latched(&bench) == [Fault::WatchdogReset] {
+                reset = Some(ms);
+                bench.board.line.hang_transmitter(false);
+            }
         }
-    }
-}
-
-struct Woken(AtomicBool);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.store(true, Ordering::Relaxed);
+        // The three reports of telemetry take 9 ms of every 50; then it hangs in the next.
+        let (off, reset) = (off.expect("off"), reset.expect("a reset"));
+        assert!((80..=145).contains(&off) && (400..=545).contains(&reset), "{off} {reset}");
     }
 }
 
 #[test]
 fn bytes_that_the_line_has_lost_are_on_record_and_stop_nothing() {
-    for (loses, on_record) in [(true, vec![Fault::ReceiveOverrun]), (false, vec![])] {
-        let _clock = VirtualBoard::default(); // sets the clock to zero
-        let channels = tasks::Channels::new();
-        let mut controller = Controller::new(Settings::DEFAULT.control);
-        let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now());
-        let (_, mut tx) = Line::new(115_200).board_end();
-        let mut rx = Overrun(Cell::new(loses));
-        let tasks = pin!(async {
-            join3(
-                app::control(&mut Still, &mut controller, &channels),
-                app::link(&mut rx, &mut tx, &mut session, &channels),
-                app::supervise(|| {}, || {}, &channels),
-            )
-            .await;
-        });
-        let woken = Arc::new(Woken(AtomicBool::new(true)));
-        let waker = Waker::from(woken.clone());
-        tasks::run_until(tasks, &waker, &woken.0, Instant::from_millis(100));
-        let snapshot = channels.snapshot.get();
-        let faults: Vec<_> = snapshot.faults.iter().map(|(fault, _)| fault).collect();
-        assert_eq!(faults, on_record);
-        assert!(Channel::ALL.iter().all(|&channel| !snapshot.faults.stops_motor(channel)));
-    }
+    let mut bench = driving(0);
+    let before = bench.board.link().line_errors;
+    bench.board.line.overrun();
+    bench.run_ms(20);
+    assert_eq!(bench.board.link().line_errors - before, 1);
+    assert_eq!((bench.bridge(0), latched(&bench)), ((8000, true), vec![Fault::ReceiveOverrun]));
+    bench.drive(Quantity::Pwm, 0, 16384 + 4000, 0);
+    bench.run_alive_ms(100);
+    assert_eq!(bench.bridge(0), (4000, true), "the line goes on");
 }

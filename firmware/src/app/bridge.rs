@@ -6,11 +6,24 @@
 //!   PC <── transmit ───┘             └─────┴────── servos, our own echo
 //! ```
 //!
-//! Three loops share the bridge, and none of them waits for another.
+//! Three loops share the bridge, and none of them waits for another. A fourth feeds the watchdog as
+//! long as all of them, and itself, come round ([`Presence`]).
+//!
+//! A bridge has no outputs of its own: when one of its loops hangs nobody can be switched off, since
+//! an AX-12 listens to nothing but its bus. What holds then:
+//!
+//! | hangs | until the reset, within 500 ms | from the reset on |
+//! |---|---|---|
+//! | `bus` | the bus is silent: joints end the move that they were sent on, and hold; what turns endlessly goes on turning | as at any start: joints are left alone until the PC has answered a hello; what turns endlessly is stopped when the bus is searched and the PC is silent for its time-out |
+//! | `receive`, `transmit`, supervision | the bus goes on with the goals that it has | the same |
+//!
+//! The PC's time-out is longer than the reset takes, so a hang never makes a robot go limp. Unlike
+//! the controller's tasks ([`Roll`](super::Roll)) a loop that is late is forgiven: the longest
+//! report, of 100 servos at 57,600 baud, takes `transmit` 140 ms.
 
 use core::cell::RefCell;
 
-use embassy_futures::join::join3;
+use embassy_futures::join::join4;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
@@ -27,13 +40,34 @@ const RECEIVE: u8 = 1 << 0;
 const TRANSMIT: u8 = 1 << 1;
 const BUS: u8 = 1 << 2;
 
-/// For the three loops of [`bridge`].
-pub const fn bridge_presence<M: RawMutex>() -> Presence<M> {
-    Presence::new(RECEIVE | TRANSMIT | BUS)
+/// What the loops of a bridge share, made once by `main`.
+pub struct BridgeChannels<M: RawMutex> {
+    presence: Presence<M>,
+    something_to_send: Signal<NoopRawMutex, ()>,
 }
 
-/// Runs the bridge. What holds for the lines of [`link`](super::link) holds for both of these; a
-/// failed line is counted, and used again after 1 ms.
+impl<M: RawMutex> BridgeChannels<M> {
+    /// Nobody has come round yet.
+    pub const fn new() -> Self {
+        Self { presence: Presence::new(RECEIVE | TRANSMIT | BUS), something_to_send: Signal::new() }
+    }
+
+    fn notify(&self, bridge: &RefCell<Bridge>) {
+        if bridge.borrow().sends_at() <= Instant::now() {
+            self.something_to_send.signal(());
+        }
+    }
+}
+
+impl<M: RawMutex> Default for BridgeChannels<M> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Runs the bridge, and calls `feed` as long as its loops come round: the watchdog must bear
+/// [`WATCHDOG_PERIOD`](super::WATCHDOG_PERIOD). What holds for the lines of [`link`](super::link)
+/// holds for both of these; a failed line is counted, and used again after 1 ms.
 ///
 /// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
 /// whatever answers it, and a `write` there is complete when the last stop bit has left, or later.
@@ -46,86 +80,107 @@ pub async fn bridge<M: RawMutex>(
     (pc_rx, pc_tx): (&mut impl Read, &mut impl Write),
     (bus_rx, bus_tx): (&mut impl Read, &mut impl Write),
     bridge: &RefCell<Bridge>,
-    presence: &Presence<M>,
+    channels: &BridgeChannels<M>,
+    feed: impl FnMut(),
 ) -> ! {
-    let something_to_send = Signal::<NoopRawMutex, ()>::new();
-    let notify = || {
-        if bridge.borrow().sends_at() <= Instant::now() {
-            something_to_send.signal(());
-        }
-    };
+    join4(
+        bridge_receive(pc_rx, bridge, channels),
+        bridge_transmit(pc_tx, bridge, channels),
+        bridge_bus(bus_rx, bus_tx, bridge, channels),
+        bridge_supervise(feed, channels),
+    )
+    .await;
+    unreachable!("all loops are endless")
+}
 
-    let receive = async {
-        let mut buffer = [0; CHUNK];
-        loop {
-            presence.check_in(RECEIVE);
-            let check_in_at = Instant::now() + CHECK_IN_PERIOD;
-            let until = bridge.borrow().gives_up_at().unwrap_or(Instant::MAX).min(check_in_at);
-            let bytes: &[u8] = match select(pc_rx.read(&mut buffer), Timer::at(until)).await {
-                Either::First(Ok(count)) if count > 0 => &buffer[..count],
-                Either::First(_) => {
+/// Listens to the PC: a loop of [`bridge`].
+pub async fn bridge_receive<M: RawMutex>(
+    pc_rx: &mut impl Read,
+    bridge: &RefCell<Bridge>,
+    channels: &BridgeChannels<M>,
+) -> ! {
+    let mut buffer = [0; CHUNK];
+    loop {
+        channels.presence.check_in(RECEIVE);
+        let check_in_at = Instant::now() + CHECK_IN_PERIOD;
+        let until = bridge.borrow().gives_up_at().unwrap_or(Instant::MAX).min(check_in_at);
+        let bytes: &[u8] = match select(pc_rx.read(&mut buffer), Timer::at(until)).await {
+            Either::First(Ok(count)) if count > 0 => &buffer[..count],
+            Either::First(_) => {
+                bridge.borrow_mut().line_failed();
+                Timer::after(LINE_DOWN).await;
+                &[]
+            }
+            Either::Second(()) => &[],
+        };
+        bridge.borrow_mut().receive(bytes, Instant::now());
+        // On a line without a speed limit the bus would else wait for a pause.
+        yield_now().await;
+    }
+}
+
+/// Talks to the PC: a loop of [`bridge`].
+pub async fn bridge_transmit<M: RawMutex>(
+    pc_tx: &mut impl Write,
+    bridge: &RefCell<Bridge>,
+    channels: &BridgeChannels<M>,
+) -> ! {
+    let mut buffer = [0; Bridge::MAX_PACKET];
+    loop {
+        channels.presence.check_in(TRANSMIT);
+        let packet = bridge.borrow_mut().transmit(Instant::now(), &mut buffer);
+        match packet {
+            Some(packet) => {
+                if pc_tx.write_all(packet).await.is_err() {
                     bridge.borrow_mut().line_failed();
                     Timer::after(LINE_DOWN).await;
-                    &[]
-                }
-                Either::Second(()) => &[],
-            };
-            bridge.borrow_mut().receive(bytes, Instant::now());
-            // On a line without a speed limit the bus would else wait for a pause.
-            yield_now().await;
-        }
-    };
-
-    let transmit = async {
-        let mut buffer = [0; Bridge::MAX_PACKET];
-        loop {
-            presence.check_in(TRANSMIT);
-            let packet = bridge.borrow_mut().transmit(Instant::now(), &mut buffer);
-            match packet {
-                Some(packet) => {
-                    if pc_tx.write_all(packet).await.is_err() {
-                        bridge.borrow_mut().line_failed();
-                        Timer::after(LINE_DOWN).await;
-                    }
-                }
-                None => {
-                    let check_in_at = Instant::now() + CHECK_IN_PERIOD;
-                    let at = bridge.borrow().sends_at().min(check_in_at);
-                    select(Timer::at(at), something_to_send.wait()).await;
                 }
             }
-        }
-    };
-
-    let bus = async {
-        let mut request = [0; MAX_REQUEST];
-        let mut buffer = [0; CHUNK];
-        loop {
-            presence.check_in(BUS);
-            let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
-            notify();
-            if let Some(packet) = packet {
-                if bus_tx.write_all(packet).await.is_err() {
-                    bridge.borrow_mut().bus_failed();
-                    Timer::after(LINE_DOWN).await;
-                }
-                continue;
-            }
-            let check_in_at = Instant::now() + CHECK_IN_PERIOD;
-            let until = bridge.borrow().bus_acts_at().min(check_in_at);
-            match select(bus_rx.read(&mut buffer), Timer::at(until)).await {
-                Either::First(Ok(count)) if count > 0 => {
-                    bridge.borrow_mut().bus_hears(&buffer[..count], Instant::now());
-                }
-                Either::First(_) => {
-                    bridge.borrow_mut().bus_failed();
-                    Timer::after(LINE_DOWN).await;
-                }
-                Either::Second(()) => {}
+            None => {
+                let check_in_at = Instant::now() + CHECK_IN_PERIOD;
+                let at = bridge.borrow().sends_at().min(check_in_at);
+                select(Timer::at(at), channels.something_to_send.wait()).await;
             }
         }
-    };
+    }
+}
 
-    join3(receive, transmit, bus).await;
-    unreachable!("all loops are endless")
+/// Talks to the servos: a loop of [`bridge`].
+pub async fn bridge_bus<M: RawMutex>(
+    bus_rx: &mut impl Read,
+    bus_tx: &mut impl Write,
+    bridge: &RefCell<Bridge>,
+    channels: &BridgeChannels<M>,
+) -> ! {
+    let mut request = [0; MAX_REQUEST];
+    let mut buffer = [0; CHUNK];
+    loop {
+        channels.presence.check_in(BUS);
+        let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
+        channels.notify(bridge);
+        if let Some(packet) = packet {
+            if bus_tx.write_all(packet).await.is_err() {
+                bridge.borrow_mut().bus_failed();
+                Timer::after(LINE_DOWN).await;
+            }
+            continue;
+        }
+        let check_in_at = Instant::now() + CHECK_IN_PERIOD;
+        let until = bridge.borrow().bus_acts_at().min(check_in_at);
+        match select(bus_rx.read(&mut buffer), Timer::at(until)).await {
+            Either::First(Ok(count)) if count > 0 => {
+                bridge.borrow_mut().bus_hears(&buffer[..count], Instant::now());
+            }
+            Either::First(_) => {
+                bridge.borrow_mut().bus_failed();
+                Timer::after(LINE_DOWN).await;
+            }
+            Either::Second(()) => {}
+        }
+    }
+}
+
+/// Feeds the watchdog: a loop of [`bridge`].
+pub async fn bridge_supervise<M: RawMutex>(feed: impl FnMut(), channels: &BridgeChannels<M>) -> ! {
+    channels.presence.supervise(feed).await
 }

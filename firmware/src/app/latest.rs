@@ -12,7 +12,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 use crate::command::ENCODERS;
 use crate::controller::{ControlCounters, EncoderReading, ShownFault, Snapshot};
 use crate::ports::{MotionInputs, Outputs, Sensors};
-use crate::safety::faults::Latched;
+use crate::safety::latch::Latched;
 
 /// The newest value.
 pub struct Latest<M: RawMutex, T: Copy>(Mutex<M, Cell<T>>);

@@ -43,10 +43,12 @@ use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRef
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
 use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
-pub use bridge::{bridge, bridge_presence};
+pub use bridge::{
+    BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_supervise, bridge_transmit,
+};
 pub use latest::{Latest, LatestSnapshot};
 use presence::CHECK_IN_PERIOD;
-pub use presence::{ERASE_PERIOD, Presence, WATCHDOG_PERIOD};
+pub use presence::{ERASE_PERIOD, WATCHDOG_PERIOD};
 pub use roll::Roll;
 use roll::Task;
 

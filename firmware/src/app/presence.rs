@@ -1,4 +1,5 @@
-//! Who is alive: every task checks in now and then, and the watchdog is fed when all have.
+//! Who is alive: every loop of the bridge checks in now and then, and the watchdog is fed when all
+//! have. And the times that a watchdog must bear.
 
 use core::cell::Cell;
 
@@ -18,7 +19,7 @@ pub const WATCHDOG_PERIOD: Duration = Duration::from_millis(400);
 pub const ERASE_PERIOD: Duration = Duration::from_millis(1000);
 
 /// Who has checked in since the watchdog was last fed, one bit a task.
-pub struct Presence<M: RawMutex> {
+pub(super) struct Presence<M: RawMutex> {
     present: Mutex<M, Cell<u8>>,
     all: u8,
 }
@@ -46,7 +47,7 @@ impl<M: RawMutex> Presence<M> {
 
     /// Calls `feed` whenever every task has checked in since it was last called. A task that hangs,
     /// on whatever executor, lets the watchdog starve; it must bear [`WATCHDOG_PERIOD`].
-    pub async fn supervise(&self, mut feed: impl FnMut()) -> ! {
+    pub(super) async fn supervise(&self, mut feed: impl FnMut()) -> ! {
         loop {
             Timer::after(CHECK_IN_PERIOD).await;
             if self.take_if_all() {

@@ -10,7 +10,6 @@ use core::cell::RefCell;
 
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_futures::join::join;
 use embassy_stm32::bind_interrupts;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::Instant;
@@ -35,10 +34,7 @@ async fn main(_spawner: Spawner) {
     let BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog } =
         BOARD.init_with(|| board::start_bridge(SETTINGS.pc_baud, Irqs));
     let bridge = BRIDGE.init_with(|| RefCell::new(Bridge::new(SETTINGS, Instant::now())));
-    let presence = app::bridge_presence::<NoopRawMutex>();
-    join(
-        app::bridge((pc_rx, pc_tx), (bus_rx, bus_tx), bridge, &presence),
-        presence.supervise(|| watchdog.feed()),
-    )
-    .await;
+    let channels = app::BridgeChannels::<NoopRawMutex>::new();
+    let (pc, bus) = ((pc_rx, pc_tx), (bus_rx, bus_tx));
+    app::bridge(pc, bus, bridge, &channels, || watchdog.feed()).await;
 }

@@ -5,8 +5,8 @@
 mod tasks;
 
 use embassy_time::Instant;
-use firmware::app::upkeep;
-use firmware::personality::pms5005::{Boot, Pms5005};
+use firmware::personality::Boot;
+use firmware::personality::pms5005::Pms5005;
 use firmware::settings::Settings;
 
 type Host = Pms5005;

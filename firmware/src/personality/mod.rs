@@ -7,6 +7,7 @@
 //! [`cm5::Bridge`] is run by `app::bridge`.
 
 pub mod cm5;
+mod extension;
 pub mod pioneer_arm;
 pub mod pms5005;
 mod reception;
@@ -18,6 +19,7 @@ use crate::controller::Snapshot;
 use crate::ports::Program;
 use crate::settings::Settings;
 
+pub use extension::Boot;
 pub use reception::{LONGEST_FRAME, LONGEST_PAUSE, TimedReceiver};
 
 /// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task that

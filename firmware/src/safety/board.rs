@@ -9,15 +9,6 @@ use crate::settings::BoardFaultSettings;
 const CHECKS: usize = 8;
 const LOOK_SHIFT: u32 = 3;
 
-/// What a battery reads that is not there: less than 1 V. The motors' is measured to 24 V, the
-/// others to 9 V.
-const NO_MOTOR_BATTERY: u16 = 171;
-const NO_BATTERY: u16 = 455;
-/// Hotter than any driver that still drives: 150 degrees.
-const NO_DRIVER: u16 = 400;
-/// Hotter than any room: 80 degrees.
-const NO_THERMOMETER: u16 = 4040;
-
 /// What a late period adds to the measure, and so one in eight of them never adds up.
 const LATE: u16 = 8;
 
@@ -34,9 +25,13 @@ pub struct BoardMonitor {
 }
 
 impl BoardMonitor {
-    /// One period: what has tripped, if anything, and the reading that did it. Whatever lasts,
-    /// trips again and again.
-    pub fn step(&mut self, now: &Sensors, settings: &BoardFaultSettings) -> Option<(Fault, u16)> {
+    /// One period: what has tripped, if anything, and the first values of
+    /// [`Fault::values`]. Whatever lasts, trips again and again.
+    pub fn step(
+        &mut self,
+        now: &Sensors,
+        settings: &BoardFaultSettings,
+    ) -> Option<(Fault, [u16; 2])> {
         self.lateness = self.lateness.saturating_sub(1);
         self.turn = self.turn.wrapping_add(1);
         let [main, motors, servos] = now.battery;
@@ -46,19 +41,29 @@ impl BoardMonitor {
             if settings.motor_battery_high > 0 { settings.motor_battery_high } else { u16::MAX };
         // Which fault it is if the reading is from here up to there; there itself is past it.
         let (fault, reading, from, to) = match self.turn & 7 {
-            0 => (Fault::MotorBatteryLow, motors, NO_MOTOR_BATTERY, settings.motor_battery_low),
+            0 => (
+                Fault::MotorBatteryLow,
+                motors,
+                settings.no_motor_battery,
+                settings.motor_battery_low,
+            ),
             1 => (Fault::MotorBatteryHigh, motors, high_from, u16::MAX),
-            2 => (Fault::ServoBatteryLow, servos, NO_BATTERY, settings.servo_battery_low),
-            3 => (Fault::MainBatteryLow, main, NO_BATTERY, settings.main_battery_low),
-            4 => (Fault::DriverTooHot, driver_1, NO_DRIVER, settings.driver_hot),
-            5 => (Fault::DriverTooHot, driver_2, NO_DRIVER, settings.driver_hot),
-            6 => (Fault::AmbientTooHot, now.temperature, hot_from, NO_THERMOMETER),
-            _ => return self.is_late(settings).then_some((Fault::PeriodMissed, self.latency_us)),
+            2 => (Fault::ServoBatteryLow, servos, settings.no_battery, settings.servo_battery_low),
+            3 => (Fault::MainBatteryLow, main, settings.no_battery, settings.main_battery_low),
+            4 => (Fault::DriverTooHot, driver_1, settings.no_driver, settings.driver_hot),
+            5 => (Fault::DriverTooHot, driver_2, settings.no_driver, settings.driver_hot),
+            6 => (Fault::AmbientTooHot, now.temperature, hot_from, settings.no_thermometer),
+            _ => {
+                return self
+                    .is_late(settings)
+                    .then_some((Fault::PeriodMissed, [self.latency_us, 0]));
+            }
         };
         let looks = self.looks.get_mut(usize::from(self.turn & 7))?;
         let is_wrong = from <= reading && reading < to;
         *looks = if is_wrong { looks.saturating_add(1) } else { 0 };
-        (is_wrong && *looks > settings.lasts_ms >> LOOK_SHIFT).then_some((fault, reading))
+        let values = if fault == Fault::DriverTooHot { now.overheat } else { [reading, 0] };
+        (is_wrong && *looks > settings.lasts_ms >> LOOK_SHIFT).then_some((fault, values))
     }
 
     /// A control period has begun so late that it was missed.

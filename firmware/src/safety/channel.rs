@@ -1,7 +1,7 @@
 //! The monitor of one DC channel: current, motion, sensor, set-point; and its soft limits.
 //!
 //! Vocabulary: a channel is *driven* at half of full drive or more. Its shaft *stands still* as
-//! long as it stays within 8 counts of where it was found. A still shaft that draws the
+//! long as it stays near (8 counts) to where it was found. A still shaft that draws the
 //! current of one that is held fast is *stalled*; one that does not may be running away behind a
 //! sensor that is not there, and that is sooner over. Times are control periods.
 //!
@@ -15,18 +15,7 @@ use crate::control::pid::Limits;
 use crate::settings::{ChannelFaultSettings, SoftLimits};
 use crate::units::{Counts, CountsPerSecond, Drive, Duty};
 
-/// Less is noise: of a converter, or of an encoder that stands on an edge.
-const STILL: Counts = Counts::const_from_int(8);
-/// How near to an end of its track a potentiometer is at the rail.
-const RAIL: Counts = Counts::const_from_int(8);
 const LAST_COUNT: Counts = Counts::const_from_int(4095);
-/// How long a jump must last: one bad reading is no lost sensor.
-const JUMP_LASTS: u8 = 20;
-/// A shaft that moves away from its set-point does so faster than this.
-const AWAY: CountsPerSecond = CountsPerSecond::const_from_int(64);
-/// A loop hunts for so long after it has reversed its drive. One that goes on a move does so once
-/// or twice; more than seven times a second add up.
-const HUNTS: u8 = 100;
 /// What over-current takes from the drive a period, all of it within 128, and what is given back
 /// when it is over, within a second.
 const LIMIT_STEP: u16 = 128;
@@ -72,10 +61,10 @@ pub struct ChannelMonitor {
     astray: u16,
     /// Which way the loop last pushed, and for how long it still hunts.
     pushed_forward: Option<bool>,
-    hunts: u8,
+    hunts: u16,
     /// The last position that the one before can have led to, and the periods since.
     plausible: Counts,
-    jumped: u8,
+    jumped: u16,
 }
 
 impl ChannelMonitor {
@@ -109,7 +98,7 @@ impl ChannelMonitor {
         if reached(self.stalled, settings.stall_ms) {
             return Some((Fault::Stall, values(current)));
         }
-        let bearable = match is_at_rail(now) {
+        let bearable = match is_at_rail(now, settings) {
             true => settings.rail_ms,
             false => settings.sensor_ms,
         };
@@ -144,13 +133,13 @@ impl ChannelMonitor {
             self.jumped = 0;
             self.plausible = position;
         }
-        self.jumped >= JUMP_LASTS
+        self.jumped >= settings.jump_ms
     }
 
     fn stand_still(&mut self, now: &Observed, is_driven: bool, settings: &ChannelFaultSettings) {
         let position = now.reading.position;
         let found = *self.found.get_or_insert(position);
-        if scale(now.sensor).difference(position, found).saturating_abs() > STILL {
+        if scale(now.sensor).difference(position, found).saturating_abs() > settings.still {
             self.found = Some(position);
             (self.stalled, self.silent) = (0, 0);
         } else if is_driven || now.turns_elsewhere {
@@ -175,14 +164,15 @@ impl ChannelMonitor {
             Method::Velocity | Method::Pwm => settings.tracking_velocity,
         });
         let velocity = now.reading.velocity;
-        let is_away = (now.error > most && velocity < AWAY.saturating_neg())
-            || (now.error < most.saturating_neg() && velocity > AWAY);
+        let away = CountsPerSecond::saturating_from_num(settings.away);
+        let is_away = (now.error > most && velocity < away.saturating_neg())
+            || (now.error < most.saturating_neg() && velocity > away);
         self.hunts = self.hunts.saturating_sub(1);
         let pushes = now.duty.raw().unsigned_abs() >= settings.driven >> 1;
         if pushes {
             let forward = now.duty.raw() > 0;
             if self.pushed_forward == Some(!forward) {
-                self.hunts = HUNTS;
+                self.hunts = settings.hunt_ms;
             }
             self.pushed_forward = Some(forward);
         }
@@ -201,10 +191,11 @@ fn reached(count: u16, setting: u16) -> bool {
 }
 
 /// Whether the one potentiometer of a channel is at an end of its track, or its wire is off.
-fn is_at_rail(now: &Observed) -> bool {
+fn is_at_rail(now: &Observed, settings: &ChannelFaultSettings) -> bool {
     let position = now.reading.position;
+    let rail = Counts::saturating_from_num(settings.rail);
     now.sensor == Sensor::SinglePotentiometer
-        && (position <= RAIL || position >= LAST_COUNT.saturating_sub(RAIL))
+        && (position <= rail || position >= LAST_COUNT.saturating_sub(rail))
 }
 
 /// Whole counts for a record.

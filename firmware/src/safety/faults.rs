@@ -1,16 +1,5 @@
-//! From boot to run to fault to recovery: what each fault stops, and the latch.
-//!
-//! ```text
-//!   boot ───────> off ──motion command, resume──> run
-//!                  ^                               │ fault: off in the same period
-//!                  │ clear                         v
-//!                  └──────────────────────────── latched: no command moves it
-//! ```
-//!
-//! A fault *trips* when its monitor says so, and is *latched* then: it keeps off what it stops,
-//! and its record (when, which values) stands, until a host clears it. Clearing moves nothing: a
-//! channel is then as a suspended one that has nowhere to go. A cause that is still there trips
-//! again with a new record: of a channel after its time, of the board at once.
+//! The faults: when each trips, and what it stops. What becomes of a fault that has tripped is
+//! [`latch`](super::latch)'s.
 //!
 //! | fault | trips when (defaults; every number is a setting) | stops |
 //! |---|---|---|
@@ -33,12 +22,8 @@
 //! Where a range has two ends, what lies beyond the far one is an input that is not wired: a
 //! battery of 0 V runs no board. An input that floats at mid-scale reads 12 V, 4.5 V, 8 and 23
 //! degrees. What sensors read before their first reading is not wired either.
-//!
-//! All end by [`ClearFaults`](crate::command::Command::ClearFaults). A resume (DID 30), which hosts
-//! of old know, clears as well what stops: of one channel that channel's, of all also the board's.
 
-use protocol::pms5005::extension::{Fault, FaultRecord};
-use protocol::pms5005::{CHANNELS, Channel, Scope};
+use protocol::pms5005::extension::Fault;
 
 /// What a fault keeps off while it is latched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,156 +54,5 @@ pub const fn stops(fault: Fault) -> Stops {
         Fault::LinkLoss | Fault::ReceiveOverrun | Fault::SettingsCorrupt | Fault::WatchdogReset => {
             Stops::Nothing
         }
-    }
-}
-
-/// The number of the board's first fault; those below are the channels'.
-const FIRST_OF_BOARD: u8 = Fault::MotorBatteryLow.number();
-
-/// The faults that are latched.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Latched {
-    /// Of each DC channel: bit 1 is fault 1.
-    channels: [u8; CHANNELS],
-    /// Of the board: bit 0 is fault 16.
-    board: u16,
-}
-
-impl Latched {
-    /// None at all.
-    pub const NONE: Self = Self { channels: [0; CHANNELS], board: 0 };
-    /// The board's faults that stop all DC channels, and those that stop the servos too.
-    const MOTORS: u16 = Self::of_board(true);
-    const SERVOS: u16 = Self::of_board(false);
-
-    const fn of_board(motors: bool) -> u16 {
-        let (mut bits, mut faults) = (0, Fault::ALL);
-        while let [fault, rest @ ..] = faults {
-            match stops(*fault) {
-                Stops::MotorsAndServos => bits |= board_bit(*fault),
-                Stops::Motors if motors => bits |= board_bit(*fault),
-                Stops::Motors | Stops::Channel | Stops::Nothing => {}
-            }
-            faults = rest;
-        }
-        bits
-    }
-
-    /// Whether this one is.
-    pub fn has(&self, fault: Fault, channel: Option<Channel>) -> bool {
-        match channel {
-            Some(channel) => self.channels[channel.index()] & channel_bit(fault) != 0,
-            None => self.board & board_bit(fault) != 0,
-        }
-    }
-
-    /// Each of them with its channel.
-    pub fn iter(self) -> impl Iterator<Item = (Fault, Option<Channel>)> {
-        let places = Channel::ALL.into_iter().map(Some).chain([None]);
-        places.flat_map(move |channel| {
-            let faults = Fault::ALL.iter().filter(move |&&fault| self.has(fault, channel));
-            faults.map(move |&fault| (fault, channel))
-        })
-    }
-
-    /// How many there are.
-    pub fn count(&self) -> u32 {
-        let channels: u32 = self.channels.iter().map(|bits| bits.count_ones()).sum();
-        channels.saturating_add(self.board.count_ones())
-    }
-
-    /// Whether this DC channel must stay off.
-    pub fn stops_motor(&self, channel: Channel) -> bool {
-        self.channels[channel.index()] != 0 || self.board & Self::MOTORS != 0
-    }
-
-    /// Whether the servos must stay off.
-    pub fn stops_servos(&self) -> bool {
-        self.board & Self::SERVOS != 0
-    }
-}
-
-/// What has gone wrong and was not cleared: the latch, and the records.
-#[derive(Debug, Default)]
-pub struct Faults {
-    latched: Latched,
-    /// In the order in which they tripped, without gaps.
-    records: [Option<FaultRecord>; RECORDS],
-    kept: u8,
-}
-
-/// Records that are kept. When so many stand, the later ones are latched without: the first
-/// tell the cause.
-const RECORDS: usize = 16;
-
-impl Faults {
-    /// The latch alone.
-    pub fn latched(&self) -> Latched {
-        self.latched
-    }
-
-    /// The record at this place, from 0, in the order in which they tripped.
-    pub fn record(&self, place: u8) -> Option<FaultRecord> {
-        self.records.get(usize::from(place)).copied().flatten()
-    }
-
-    /// How many records are kept.
-    pub fn records(&self) -> u8 {
-        self.kept
-    }
-
-    /// Latches a fault. Whether it was not latched before: a record keeps the first time.
-    pub fn trip(&mut self, record: FaultRecord) -> bool {
-        if self.latched.has(record.fault, record.channel) {
-            return false;
-        }
-        match record.channel {
-            Some(channel) => self.latched.channels[channel.index()] |= channel_bit(record.fault),
-            None => self.latched.board |= board_bit(record.fault),
-        }
-        if let Some(free) = self.records.get_mut(usize::from(self.kept)) {
-            *free = Some(record);
-            self.kept = self.kept.saturating_add(1);
-        }
-        true
-    }
-
-    /// Clears what a host has asked for: all, or one DC channel's own. With `only_stops`, what
-    /// stops nothing stays on record.
-    pub fn clear(&mut self, scope: Scope, only_stops: bool) {
-        let stays = |fault, channel: Option<Channel>| match (scope, channel) {
-            (Scope::All, _) => only_stops && stops(fault) == Stops::Nothing,
-            (Scope::Motor(of), Some(channel)) => of != channel,
-            (Scope::Motor(_), None) | (Scope::Servo(_), _) => true,
-        };
-        match scope {
-            Scope::All => self.latched.channels = [0; CHANNELS],
-            Scope::Motor(channel) => self.latched.channels[channel.index()] = 0,
-            Scope::Servo(_) => {}
-        }
-        if scope == Scope::All {
-            self.latched.board &= if only_stops { !Latched::MOTORS } else { 0 };
-        }
-        let all = core::mem::take(&mut self.records);
-        self.kept = 0;
-        let kept = all.into_iter().flatten().filter(|r| stays(r.fault, r.channel));
-        for (place, record) in self.records.iter_mut().zip(kept) {
-            *place = Some(record);
-            self.kept = self.kept.saturating_add(1);
-        }
-    }
-}
-
-const fn channel_bit(fault: Fault) -> u8 {
-    match 1_u8.checked_shl(fault.number() as u32) {
-        Some(bit) => bit,
-        None => 0,
-    }
-}
-
-const fn board_bit(fault: Fault) -> u16 {
-    match fault.number().checked_sub(FIRST_OF_BOARD) {
-        Some(place) => 1 << place,
-        None => 0,
     }
 }

@@ -1,9 +1,11 @@
 //! What an owner may choose, with the defaults that suit a correctly wired original.
 //!
 //! - [`Settings`]: the choices, as the code uses them;
-//! - [`table`]: the same by number, as hosts and the flash know them;
+//! - [`table`]: the same by number, as hosts and the flash know them, and `numbered`: what is done
+//!   with the numbers;
 //! - [`store`]: where they survive.
 
+mod numbered;
 pub mod store;
 pub mod table;
 
@@ -12,9 +14,9 @@ use protocol::pms5005::Sensor;
 use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
 use protocol::pms5005::CHANNELS;
 
-use crate::units::Duty;
+use crate::units::{Duty, ServoPulse};
 
-pub use table::SettingRefused;
+pub use numbered::SettingRefused;
 
 /// How the two bytes of Ki are read; hosts disagree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -114,6 +116,19 @@ pub struct ChannelFaultSettings {
     pub tracking_velocity: u16,
     /// How long a driven shaft may move away from where it is to be; 0 for ever. Default 1500.
     pub tracking_ms: u16,
+    /// How long a jump must last: one bad reading is no lost sensor. Default 20.
+    pub jump_ms: u16,
+    /// A loop hunts for so long after it has reversed its drive. Default 100: one that goes on a
+    /// move does so once or twice; more than seven times a second add up.
+    pub hunt_ms: u16,
+    /// A shaft that stays within so many counts stands still. Default 8: less is noise of a
+    /// converter, or of an encoder that stands on an edge.
+    pub still: u16,
+    /// A potentiometer so many counts from an end of its track is at the rail; default 8.
+    pub rail: u16,
+    /// A shaft that moves away from its set-point does so faster than this many counts/s; default
+    /// 64.
+    pub away: u16,
 }
 
 /// When the board's faults trip, in A/D counts; a threshold of 0 never does.
@@ -136,6 +151,15 @@ pub struct BoardFaultSettings {
     pub lasts_ms: u16,
     /// Missed control periods in a row that are too many; default 100.
     pub missed_periods: u16,
+    /// Below this the motors' battery is not there; default 171, which is 1 V.
+    pub no_motor_battery: u16,
+    /// Below this another battery is not there; default 455, which is 1 V.
+    pub no_battery: u16,
+    /// Below this a driver's sensor is not there; default 400, which is 150 degrees: hotter than
+    /// any driver that still drives.
+    pub no_driver: u16,
+    /// From this on the thermometer is not there; default 4040, which is 80 degrees.
+    pub no_thermometer: u16,
 }
 
 /// The controller's settings.
@@ -186,6 +210,8 @@ pub struct LinkSettings {
 /// has its home and its centre at 127, and with 140 ticks to 90 degrees the whole byte is 0.59 to
 /// 2.41 ms of pulse (82 degrees either way), within the 0.5 to 2.5 ms that hobby servos bear. A tick
 /// is 7 us. Another calibration is held only to what the board gives, 0.22 to 3.11 ms.
+///
+/// All of them are in force from the start on; what a host sets waits for the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ArmSettings {
     /// What ARMpac's status bytes mean; default the manual's, motion in bits 1 to 6.
@@ -220,6 +246,14 @@ impl ArmSettings {
         autopark_s: 600,
         grippark_s: 300,
     };
+}
+
+/// The pulse of a joint at a position, in 1/2250 ms: 1.5 ms at its centre, and 1 ms more or less 90
+/// degrees from there.
+pub(crate) fn joint_pulse(joint: &JointInfo, ticks: u8) -> i32 {
+    const MS: i32 = ServoPulse::PER_MS as i32;
+    let way = i32::from(ticks) - i32::from(joint.centre);
+    MS * 3 / 2 + way * MS / i32::from(joint.ticks_per_90.max(1))
 }
 
 /// What happens when the PC of a CM-5 falls silent.
@@ -309,6 +343,11 @@ impl Settings {
                 tracking_position: 512,
                 tracking_velocity: 2048,
                 tracking_ms: 1500,
+                jump_ms: 20,
+                hunt_ms: 100,
+                still: 8,
+                rail: 8,
+                away: 64,
             },
             board_faults: BoardFaultSettings {
                 motor_battery_low: 853,
@@ -319,6 +358,10 @@ impl Settings {
                 ambient_hot: 3692,
                 lasts_ms: 1000,
                 missed_periods: 100,
+                no_motor_battery: 171,
+                no_battery: 455,
+                no_driver: 400,
+                no_thermometer: 4040,
             },
         },
         link: LinkSettings { telemetry_period_ms: 50 },

@@ -6,7 +6,7 @@
 //! Promises, whenever power is lost (`hal-mock`'s tests try every byte of a save and of an erase):
 //! - the next boot has what was saved before or what was being saved, whole;
 //! - flash that is empty, torn or foreign means defaults, and [`Origin`] says which it was;
-//! - a save erases one sector at the most, and none in all but one of some hundred saves: a record
+//! - a save erases one sector at the most, and none in all but one of some dozens of saves: a record
 //!   is appended to its sector, and the next sector was erased when this one was begun. Only
 //!   damaged flash takes more.
 //!
@@ -25,8 +25,8 @@ use sequential_storage::cache::key_pointers::ArrayKeyPointers;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 
-use super::Settings;
-use super::table::NUMBERS;
+use super::table::COUNT;
+use super::{SettingRefused, Settings};
 use crate::fmt::warning;
 
 /// What a record begins with: whose it is, and how it is laid out.
@@ -34,11 +34,11 @@ const HEADER: [u8; 5] = *b"OMSC\x01";
 /// Bytes of one setting: number and value.
 const ENTRY: usize = 6;
 /// Room for the longest record, this firmware's or a newer one's.
-const RECORD: usize = 512;
+const RECORD: usize = 768;
 /// The key of the only item.
 const KEY: u8 = 0;
 
-const _: () = assert!(HEADER.len() + ENTRY * NUMBERS.len() < RECORD);
+const _: () = assert!(HEADER.len() + ENTRY * COUNT < RECORD);
 
 /// Why settings were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -195,7 +195,7 @@ fn write<'b>(settings: &Settings, out: &'b mut [u8; RECORD]) -> Option<&'b [u8]>
         let ([n0, n1], [v0, v1, v2, v3]) = (number.to_le_bytes(), value.to_le_bytes());
         *entry = [n0, n1, v0, v1, v2, v3];
     }
-    out.get(..HEADER.len() + ENTRY * NUMBERS.len())
+    out.get(..HEADER.len() + ENTRY * COUNT)
 }
 
 /// Reads a record; `None` if it is not ours, or holds what could never have been saved.
@@ -204,8 +204,9 @@ fn read(record: &[u8]) -> Option<Settings> {
     let mut settings = Settings::DEFAULT;
     for &[n0, n1, v0, v1, v2, v3] in entries {
         let number = u16::from_le_bytes([n0, n1]);
-        if NUMBERS.contains(&number) {
-            settings.set(number, i32::from_le_bytes([v0, v1, v2, v3])).ok()?;
+        match settings.set(number, i32::from_le_bytes([v0, v1, v2, v3])) {
+            Ok(()) | Err(SettingRefused::NoSuchSetting(_)) => {}
+            Err(_) => return None,
         }
     }
     (rest.is_empty() && settings.check().is_ok()).then_some(settings)
@@ -218,8 +219,8 @@ mod tests {
     fn unlike_the_defaults() -> Settings {
         let mut settings = Settings::DEFAULT;
         for (number, value) in Settings::DEFAULT.iter() {
-            let (low, high) = settings.describe(number).unwrap().range;
-            settings.set(number, if value == high { low } else { value + 1 }).unwrap();
+            let (_, high) = settings.describe(number).unwrap().range;
+            settings.set(number, if value == high { value - 1 } else { value + 1 }).unwrap();
         }
         settings
     }

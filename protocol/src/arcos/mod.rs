@@ -4,13 +4,15 @@
 //!   [`Argument`] is what a host's command carries;
 //! - [`SYNC`], [`Names`] and [`Standard`] are the session;
 //! - [`ArmCommand`] is what a host asks of the arm, [`ArmStatus`] and [`ArmInfo`] are what the arm
-//!   tells.
+//!   tells;
+//! - [`extension`] is what the original never had: settings, health, faults.
 //!
 //! # Where the documents are silent or contradict each other, and what we do
 //! | question | what this implementation does |
 //! |---|---|
 //! | ARMINFOpac's count, n+53 in Table 3 | n+39: six joints of six bytes end there, and hosts parse in order. |
 //! | ARMpac's status bytes | The manual and one host family have power and connection first, ARIA has motion first: a [`Dialect`]. |
+//! | ARIA's "good" | The arm is connected and no fault keeps its servos off. |
 //! | motion bit of joint 1 | Bit 1; in the manual's dialect bit 0 can be chosen ([`MotionBits`]). |
 //! | a type byte with no value behind it | No argument. |
 //! | an unknown type, a value cut short, bytes behind it | Refused where the command takes an argument. |
@@ -20,6 +22,7 @@
 //! | STOP with 7 to 254 | Refused: only 255 is all joints. |
 
 mod arm;
+pub mod extension;
 mod packet;
 mod report;
 mod session;

@@ -73,6 +73,8 @@ pub enum EncodeError {
     BufferTooShort,
     /// A text that holds a NUL, which would end it early.
     NulInText,
+    /// The value has no form on the wire.
+    NotRepresentable,
 }
 
 impl core::fmt::Display for EncodeError {
@@ -81,6 +83,7 @@ impl core::fmt::Display for EncodeError {
             Self::TooLong => "more than 200 bytes in a packet: shorten its text",
             Self::BufferTooShort => "the buffer is shorter than the packet",
             Self::NulInText => "a text may not hold a NUL: it ends there",
+            Self::NotRepresentable => "the value has no form on the wire: see its documented range",
         })
     }
 }

@@ -76,8 +76,11 @@ mod aria {
 pub struct ArmStatus {
     /// The servos have power.
     pub powered: bool,
-    /// The arm is connected: "good" in ARIA's words.
+    /// The arm is connected. ARIA's dialect tells of it only as far as it is good.
     pub connected: bool,
+    /// It is connected, and no fault keeps its servos off. The manual's dialect has no place for
+    /// it, and whatever is connected reads back as good.
+    pub good: bool,
     /// The arm needs no INIT before it takes power. The manual's dialect has no place for it, and
     /// it reads back as false.
     pub initialised: bool,
@@ -110,7 +113,7 @@ impl ArmStatus {
             ],
             Dialect::Aria => [
                 MotionBits::OneToSix.emit(self.moving),
-                bit(self.connected, aria::GOOD)
+                bit(self.good, aria::GOOD)
                     | bit(self.initialised, aria::INITIALISED)
                     | bit(self.powered, aria::POWER)
                     | bit(self.homing, aria::HOMING),
@@ -133,6 +136,7 @@ impl ArmStatus {
             Dialect::Manual(bits) => Self {
                 powered: first & manual::POWER != 0,
                 connected: first & manual::CONNECTED != 0,
+                good: first & manual::CONNECTED != 0,
                 initialised: false,
                 homing: false,
                 moving: bits.read(second),
@@ -141,6 +145,7 @@ impl ArmStatus {
             Dialect::Aria => Self {
                 powered: second & aria::POWER != 0,
                 connected: second & aria::GOOD != 0,
+                good: second & aria::GOOD != 0,
                 initialised: second & aria::INITIALISED != 0,
                 homing: second & aria::HOMING != 0,
                 moving: MotionBits::OneToSix.read(first),

@@ -4,12 +4,14 @@
 //! - `startup.rs`: search, hello, setup;
 //! - `work.rs`: goals, reports, silence;
 //! - `faults.rs`: servos that go and come, noise;
+//! - `watchdog.rs`: loops that hang;
 //! - `scripted.rs`: the bridge alone, on a bus that does what no servo would.
 
 mod faults;
 mod packets;
 mod scripted;
 mod startup;
+mod watchdog;
 mod work;
 
 use embassy_time::{Duration, Instant};

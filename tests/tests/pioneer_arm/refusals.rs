@@ -116,6 +116,8 @@ enum Event {
     Packet(u8, Vec<u8>),
     Noise(Vec<u8>),
     Connected(bool),
+    /// The servos' battery is low, or good.
+    Battery(bool),
     Silence(u64),
     Alive(u64),
     /// All joints to here, each faster than its servo; after so many ms home, and power off.
@@ -149,6 +151,7 @@ fn event() -> impl Strategy<Value = Event> {
         1 => (65u8..85, vec(any::<u8>(), 0..5)).prop_map(|(id, data)| Event::Packet(id, data)),
         1 => vec(select(vec![0xFA, 0xFB, 3, 6, 70, 0]), 0..20).prop_map(Event::Noise),
         1 => any::<bool>().prop_map(Event::Connected),
+        1 => any::<bool>().prop_map(Event::Battery),
         1 => (1u64..3000).prop_map(Event::Silence),
         6 => (1u64..1500).prop_map(Event::Alive),
         2 => (any::<u8>(), 1u64..1000).prop_map(|(ticks, ms)| Event::RushAndPark(ticks, ms)),
@@ -165,9 +168,11 @@ proptest! {
         let mut watch = NoJump::new(&host);
         let mut look = |host: &Host| {
             watch.look(host);
-            let arm = host.arm();
-            assert!(arm.powered || (arm.positions == [127; 6] && arm.moving == [false; 6]));
+            let (link, arm) = (host.link(), host.link().arm);
+            assert!(arm.powered || arm.moving == [false; 6]);
+            assert!(arm.powered || link.power_lost > 0 || arm.positions == [127; 6]);
             assert!(!arm.initialised || arm.connected);
+            assert!(!arm.good || arm.connected);
         };
         for event in events {
             match event {
@@ -177,6 +182,10 @@ proptest! {
                 }
                 Event::Noise(bytes) => host.send_bytes(&bytes),
                 Event::Connected(connected) => host.connect(connected),
+                Event::Battery(good) => {
+                    let battery = (!good).then_some(1700);
+                    host.board.plant.borrow_mut().overrides.battery[2] = battery;
+                }
                 Event::Silence(ms) => (0..ms).for_each(|_| {
                     host.run_ms(1);
                     look(&host);
@@ -202,14 +211,17 @@ proptest! {
             look(&host);
         });
         prop_assert_eq!((host.arm().powered, host.pulses()), (false, NO_PULSES));
-        // And it can be had again.
+        // And it can be had again, each joint where it lost its power.
         host.connect(true);
+        host.board.plant.borrow_mut().overrides.battery[2] = None;
         host.received();
         host.open();
+        host.run_alive_with(30, &mut look);
         host.send(ArmCommand::Init);
-        host.run_alive_ms(710);
+        host.run_alive_with(710, &mut look);
         host.send(ArmCommand::Power(true));
-        host.run_ms(5);
-        prop_assert_eq!(host.pulses(), AT_HOME);
+        host.run_alive_with(5, &mut look);
+        prop_assert_eq!(host.pulses(), host.arm().positions.map(|ticks| Some(pulse(ticks))));
+        prop_assert!(host.link().power_lost > 0 || host.pulses() == AT_HOME);
     }
 }

@@ -57,18 +57,21 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
     let record = (select(Fault::ALL.to_vec()), channel, any::<u32>(), any::<[i16; 3]>()).prop_map(
         |(fault, channel, uptime_ms, values)| FaultRecord { fault, channel, uptime_ms, values },
     );
+    let members = proptest::option::of(0..10u8);
     let names = select(vec!["", "a", "telemetry period", "full speed potentiometer"]);
-    let setting = (1..=u16::MAX, any::<u16>(), any::<[i32; 4]>(), codes(9), names).prop_map(
-        |(number, next, [value, low, high, default], unit, name)| Description {
-            number,
-            next: Some(next).filter(|&next| next != 0),
-            value,
-            range: (low, high),
-            default,
-            unit: Unit::from_code(unit).unwrap(),
-            name,
-        },
-    );
+    let setting = (1..=u16::MAX, any::<u16>(), any::<[i32; 4]>(), codes(9), (names, members))
+        .prop_map(|(number, next, [value, low, high, default], unit, (name, member))| {
+            Description {
+                number,
+                next: Some(next).filter(|&next| next != 0),
+                value,
+                range: (low, high),
+                default,
+                unit: Unit::from_code(unit).unwrap(),
+                name,
+                member,
+            }
+        });
     let identity = (any::<[u8; 4]>(), codes(4), codes(2)).prop_map(
         |([major, minor, patch, extension], reset, settings)| Identity {
             version: [major, minor, patch],
@@ -77,12 +80,13 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
             settings: Origin::from_code(settings).unwrap(),
         },
     );
-    let health = (any::<u32>(), any::<[u16; 2]>(), any::<u8>()).prop_map(
-        |(uptime_ms, [worst_latency_us, stack_used], faults)| Health {
+    let health = (any::<[u32; 2]>(), any::<[u16; 2]>(), any::<u8>()).prop_map(
+        |([uptime_ms, periods_missed], [worst_latency_us, stack_used], faults)| Health {
             uptime_ms,
             worst_latency_us,
             stack_used,
             faults,
+            periods_missed,
         },
     );
     let latched = (any::<[u8; 2]>(), record).prop_map(|([place, total], record)| Latched {

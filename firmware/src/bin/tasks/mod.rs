@@ -1,6 +1,6 @@
 //! What the images over the controller have in common: the library's tasks over the parts of the
-//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, how
-//! fast its host talks, `HOST_BAUD`, and the `upkeep` that its host can ask for.
+//! board that a cargo feature selects. The image names its session, `Host`, made by `host`, and how
+//! fast its host talks, `HOST_BAUD`.
 //!
 //! Three executors: control on an interrupt above sensing on another, so that a control period
 //! never waits; link, display and supervision in the thread.
@@ -17,14 +17,13 @@ use firmware::board::line::{Receiver, Sender};
 use firmware::board::ssd1306::Ssd1306;
 use firmware::board::{self, Board, Motion, Sensing};
 use firmware::controller::Controller;
-use firmware::personality::Session;
-use firmware::personality::pms5005::Boot;
+use firmware::personality::{Boot, Session};
 use firmware::ports::SystemPort;
 use static_cell::StaticCell;
 
-use crate::{HOST_BAUD, Host, host, upkeep};
+use crate::{HOST_BAUD, Host, host};
 
-pub type Channels = app::Channels<CriticalSectionRawMutex, <Host as Session>::Counters>;
+type Channels = app::Channels<CriticalSectionRawMutex, <Host as Session>::Counters>;
 
 static CHANNELS: StaticCell<Channels> = StaticCell::new();
 static BOARD: StaticCell<Board> = StaticCell::new();
@@ -88,5 +87,5 @@ async fn main(spawner: Spawner) {
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
     let supervision = app::supervise(|| watchdog.feed(), board::safe_state, all);
-    join(supervision, upkeep(store, system, all)).await;
+    join(supervision, app::upkeep(store, system, all)).await;
 }

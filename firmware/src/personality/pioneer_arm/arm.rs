@@ -8,7 +8,10 @@
 //! - where nobody may be watching (the end of a session, AUTOPARK, the gripper's turn, a lost arm)
 //!   a joint goes home no faster than its calibrated speed;
 //! - an arm that is lost while it has power is parked, and takes orders again only after INIT has
-//!   found it. One that is lost without power is forgotten until CHECK or INIT finds it.
+//!   found it. One that is lost without power is forgotten until CHECK or INIT finds it;
+//! - a fault of the board that stops the servos (`safety::faults`) takes the power at once, wherever
+//!   the joints are. They count as standing there: nobody knows better. INIT clears the fault, and
+//!   when its cause is gone POWER 1 gives each joint its power where it lost it.
 
 use embassy_time::{Duration, Instant};
 use protocol::arcos::Joint as Number;
@@ -37,8 +40,10 @@ pub(super) enum Ignored {
     Resetting,
     /// No arm is connected.
     NotConnected,
-    /// The arm was lost while it had power: it needs INIT.
+    /// The arm was lost while it had power, or a fault has stopped it: it needs INIT.
     NeedsInit,
+    /// A fault of the board keeps the servos off: its cause must go, then it needs INIT.
+    Fault,
     /// The servos have no power.
     NoPower,
 }
@@ -58,7 +63,11 @@ pub(super) struct Arm {
     joints: [Joint; JOINTS],
     power: Power,
     connected: bool,
+    /// A fault keeps the servos off, as the board last told.
+    stopped: bool,
     needs_init: bool,
+    /// INIT has asked for the fault to be cleared, and the board has not been told yet.
+    clears: bool,
     /// When INIT, and when CHECK, will be done, if one is under way.
     reset_until: Option<Instant>,
     check_until: Option<Instant>,
@@ -72,6 +81,8 @@ pub(super) struct Arm {
     driven: [Option<i16>; JOINTS],
     /// Times that the arm was lost while it had power; wraps.
     lost: u32,
+    /// Times that a fault took the servos' power; wraps.
+    power_lost: u32,
 }
 
 impl Arm {
@@ -82,7 +93,9 @@ impl Arm {
             power: Power::Off,
             // The first look tells.
             connected: true,
+            stopped: false,
             needs_init: false,
+            clears: false,
             reset_until: None,
             check_until: None,
             looks_at: now,
@@ -92,6 +105,7 @@ impl Arm {
             closed_since: None,
             driven: [None; JOINTS],
             lost: 0,
+            power_lost: 0,
             settings,
         }
     }
@@ -101,6 +115,7 @@ impl Arm {
         ArmStatus {
             powered: self.power != Power::Off,
             connected: self.connected,
+            good: self.connected && !self.stopped,
             initialised: self.connected && !self.needs_init && self.reset_until.is_none(),
             homing: self.joints.iter().any(Joint::is_homing),
             moving: self.joints.each_ref().map(Joint::is_moving),
@@ -123,6 +138,11 @@ impl Arm {
         self.lost
     }
 
+    /// Times that a fault took the servos' power; wraps.
+    pub fn power_lost(&self) -> u32 {
+        self.power_lost
+    }
+
     /// Carries a command out, or says why not. What it asks of the board comes from
     /// [`advance`](Self::advance), INFO and STATUS are the session's to answer; they too keep the
     /// arm from parking itself.
@@ -140,6 +160,7 @@ impl Arm {
             ArmCommand::Init => {
                 self.park(false, now);
                 self.check_until = None;
+                self.clears = true;
                 self.reset_until = Some(now.saturating_add(RESET_TIME));
             }
             ArmCommand::Check => self.check_until = Some(now.saturating_add(CHECK_TIME)),
@@ -185,13 +206,15 @@ impl Arm {
         let ends = [self.reset_until, self.check_until, self.parks_at()].into_iter().flatten();
         let earliest = steps.chain(ends).fold(self.looks_at, Instant::min);
         // A command may have asked for something to be done now.
-        if self.pulses() == self.driven { earliest } else { Instant::MIN }
+        let is_told = !self.clears && self.pulses() == self.driven;
+        if is_told { earliest } else { Instant::MIN }
     }
 
-    /// Lets time pass, and tells what that asks of the board. `present` is the arm's line.
-    /// Call it until it answers `None`.
-    pub fn advance(&mut self, now: Instant, present: bool) -> Option<Command> {
+    /// Lets time pass, and tells what that asks of the board. `present` is the arm's line, `stopped`
+    /// whether a fault keeps the servos off. Call it until it answers `None`.
+    pub fn advance(&mut self, now: Instant, present: bool, stopped: bool) -> Option<Command> {
         self.looks_at = now.saturating_add(LOOK_PERIOD);
+        self.heed(stopped);
         self.watch(now, present);
         self.keep_times(now);
         for joint in &mut self.joints {
@@ -200,7 +223,22 @@ impl Arm {
         if self.parks_at().is_some_and(|at| at <= now) {
             self.power = Power::Off;
         }
+        if core::mem::take(&mut self.clears) && stopped {
+            return Some(Command::ClearFaults(Scope::All));
+        }
         self.drive()
+    }
+
+    /// A fault stops the servos, or does no more. The board has taken their pulses by itself.
+    fn heed(&mut self, stopped: bool) {
+        if stopped && self.power != Power::Off {
+            self.power = Power::Off;
+            self.power_lost = self.power_lost.wrapping_add(1);
+            self.driven = self.pulses();
+            self.each(Joints::All, Joint::stop);
+        }
+        self.needs_init |= stopped;
+        self.stopped = stopped;
     }
 
     /// Whether the arm is there, and what a probe has found.
@@ -215,7 +253,7 @@ impl Arm {
         }
         if self.reset_until.take_if(|until| *until <= now).is_some() {
             self.connected = present;
-            self.needs_init &= !present;
+            self.needs_init = self.stopped || (self.needs_init && !present);
         }
         if self.check_until.take_if(|until| *until <= now).is_some() {
             self.connected = present;
@@ -285,10 +323,14 @@ impl Arm {
 
     /// Whether the arm takes orders.
     fn obeys(&self) -> Result<(), Ignored> {
-        match (self.connected, self.needs_init) {
-            (true, false) => Ok(()),
-            (true, true) => Err(Ignored::NeedsInit),
-            (false, _) => Err(Ignored::NotConnected),
+        if !self.connected {
+            Err(Ignored::NotConnected)
+        } else if self.stopped {
+            Err(Ignored::Fault)
+        } else if self.needs_init {
+            Err(Ignored::NeedsInit)
+        } else {
+            Ok(())
         }
     }
 

@@ -11,12 +11,8 @@
 use embassy_time::{Duration, Instant};
 use protocol::arcos::JointInfo;
 
+use crate::settings::joint_pulse;
 use crate::units::{CONTROL_PERIOD_MS, ServoPulse};
-
-/// The pulse of the centre position: 1.5 ms.
-const CENTRE: i32 = ServoPulse::PER_MS as i32 * 3 / 2;
-/// What 90 degrees add to it: 1 ms.
-const QUARTER_TURN: i32 = ServoPulse::PER_MS as i32;
 
 /// The distance of the points at which steps are taken.
 const GRID: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
@@ -146,9 +142,8 @@ impl Joint {
 
     /// The pulse that holds it where it is, in 1/2250 ms.
     pub fn pulse(&self) -> i16 {
-        let ticks = i32::from(self.position) - i32::from(self.calibration.centre);
-        let way = ticks * QUARTER_TURN / i32::from(self.calibration.ticks_per_90.max(1));
-        ServoPulse::from_raw(CENTRE + way).raw() as i16 // 7000 at the most
+        let pulse = joint_pulse(&self.calibration, self.position);
+        ServoPulse::from_raw(pulse).raw() as i16 // 7000 at the most
     }
 
     /// A joint that is on its way keeps the time of its next step, so that no flood of commands

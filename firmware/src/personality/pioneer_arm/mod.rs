@@ -20,23 +20,32 @@
 //!   packet. The latest STATUS counts: 1 ends a stream too;
 //! - after 2 s without an intact packet the session ends by itself. However it ends, the arm goes
 //!   home slowly and its power goes off;
+//! - the board's own settings, health and faults are the extension's: answered behind all others,
+//!   and forgotten when the session ends. Health comes at once, and then once a cycle;
 //! - commands of the robot's base (motors, sonar, configuration) are counted and have no effect:
 //!   there is no base.
 
 mod arm;
+mod counters;
+mod extended;
 mod joint;
 
 use embassy_time::{Duration, Instant};
 use protocol::arcos::{
-    Arcos, Argument, ArmCommand, ArmStatus, MAX_RECEIVED, Names, Packet, Refusal, SYNC, Standard,
-    StatusRequest, command,
+    Arcos, Argument, ArmCommand, Dialect, MAX_RECEIVED, Names, Packet, Refusal, SYNC, Standard,
+    StatusRequest, command, extension,
 };
+use protocol::pms5005::Repeat;
 
-use super::{MAX_FRAME, Request, Session, TimedReceiver};
+use super::extension::{Boot, Extension, Owed};
+use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused};
+use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
-use crate::settings::ArmSettings;
+use crate::settings::Settings;
 use arm::Arm;
+pub use counters::ArmCounters;
+use counters::count;
 use joint::Limited;
 
 /// How often a standard information packet comes.
@@ -47,44 +56,10 @@ pub const WATCHDOG: Duration = Duration::from_millis(2000);
 /// reads as no arm.
 const ARM_LINE: u8 = 1 << 0;
 
+const _: () = assert!(extension::MAX_ANSWER <= MAX_FRAME);
+
 /// What satisfies hosts: they choose their parameters by class and subclass.
 const NAMES: Names<'static> = Names { name: "Open arm", class: "Pioneer", subclass: "p3dx" };
-
-/// What a session has counted, and the arm as it last was. The counters wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ArmCounters {
-    /// Intact packets.
-    pub packets_ok: u32,
-    /// Packets that began well and were damaged.
-    pub bad_packets: u32,
-    /// Bytes that were part of no intact packet.
-    pub bytes_skipped: u32,
-    /// Sessions opened.
-    pub opened: u32,
-    /// Sessions that ended because the host fell silent.
-    pub watchdogs: u32,
-    /// Packets that the session was not at: SYNCs out of order, commands before OPEN.
-    pub out_of_turn: u32,
-    /// Commands that are not the arm's.
-    pub not_for_the_arm: u32,
-    /// Arm commands that were refused for what they say.
-    pub refused: u32,
-    /// Arm commands that were ignored for the state that the arm was in.
-    pub ignored: u32,
-    /// Positions and speeds that had to be limited.
-    pub limited: u32,
-    /// Times that the arm was lost while it had power.
-    pub arms_lost: u32,
-    /// Standard information packets sent.
-    pub standard_sent: u32,
-    /// Standard information packets skipped because the line was busy for a whole cycle.
-    pub standard_skipped: u32,
-    /// Errors that the line itself reported: overruns, framing.
-    pub line_errors: u32,
-    /// The arm.
-    pub arm: ArmStatus,
-}
 
 /// Where the session stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,8 +80,13 @@ pub struct PioneerArm {
 
 /// What a session owes its host.
 struct Answers {
-    settings: ArmSettings,
+    /// What the settings were at the start.
+    dialect: Dialect,
     arm: Arm,
+    extension: Extension,
+    /// How often health is to be told, and when next.
+    health: Repeat,
+    health_at: Instant,
     phase: Phase,
     /// When the last intact packet came.
     heard: Instant,
@@ -126,12 +106,15 @@ struct Answers {
 
 impl PioneerArm {
     /// A session at boot.
-    pub fn new(settings: ArmSettings, now: Instant) -> Self {
+    pub fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
         Self {
             receiver: TimedReceiver::new(),
             answers: Answers {
-                settings,
-                arm: Arm::new(settings, now),
+                dialect: settings.arm.dialect,
+                arm: Arm::new(settings.arm, now),
+                extension: Extension::new(settings, boot, now),
+                health: Repeat::Stop,
+                health_at: now,
                 phase: Phase::Closed,
                 heard: now,
                 syncs: 0,
@@ -151,8 +134,10 @@ impl Session for PioneerArm {
 
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         while let Some(packet) = self.receiver.receive(bytes, now) {
-            if let Some(packet) = Packet::parse(packet) {
-                self.answers.respond(&packet, now);
+            if let Some(packet) = Packet::parse(packet)
+                && let Some(request) = self.answers.respond(&packet, now)
+            {
+                return Some(request);
             }
         }
         // What the arm asks of the board is `advance`'s to tell.
@@ -161,13 +146,18 @@ impl Session for PioneerArm {
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
         self.answers.watch(now);
+        let told = self.answers.extension.look(now, snapshot);
+        self.answers.settle(told);
         let present = snapshot.sensors.gpio_in & ARM_LINE == 0;
-        self.answers.arm.advance(now, present).map(Request::Control)
+        let stopped = snapshot.faults.stops_servos();
+        self.answers.arm.advance(now, present, stopped).map(Request::Control)
     }
 
     fn wakes_at(&self) -> Option<Instant> {
         let arm = Some(self.answers.arm.wakes_at());
-        [arm, self.answers.ends_at(), self.receiver.gives_up_at()].into_iter().flatten().min()
+        let looks_at = self.answers.extension.looks_at();
+        let ends = [self.answers.ends_at(), self.receiver.gives_up_at(), looks_at];
+        ends.into_iter().chain([arm]).flatten().min()
     }
 
     fn transmit<'b>(
@@ -176,21 +166,32 @@ impl Session for PioneerArm {
         snapshot: impl FnOnce() -> Snapshot,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
-        let Answers { settings, arm, .. } = &self.answers;
-        let dialect = settings.dialect;
-        let (status, info) = (arm.status(), arm.info());
-        let packet = match self.answers.next(now)? {
+        let due = self.answers.next(now)?;
+        let Answers { dialect, arm, extension, .. } = &self.answers;
+        let packet = match due {
             Answer::Sync2 => NAMES.encode(out),
             Answer::Echo(packet) => packet.encode(out),
-            Answer::Status => status.encode(dialect, out),
-            Answer::Info => info.encode(out),
+            Answer::Status => arm.status().encode(*dialect, out),
+            Answer::Info => arm.info().encode(out),
             Answer::Standard => standard(&snapshot()).encode(out),
+            Answer::Health => extension::encode_answer(&extension.health(now, &snapshot()), out),
+            Answer::Owed(owed) => {
+                let snapshot = snapshot();
+                let counters = || self.counters().told(&snapshot);
+                extension::encode_answer(&extension.answer(owed, &snapshot, counters)?, out)
+            }
         };
         packet.ok().map(|packet| &*packet)
     }
 
     fn sends_at(&self) -> Instant {
         self.answers.due_at()
+    }
+
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Command> {
+        let (answer, command) = self.answers.extension.done(result);
+        self.answers.settle(answer);
+        command
     }
 
     fn line_failed(&mut self) {
@@ -204,6 +205,7 @@ impl Session for PioneerArm {
             bad_packets: reception.bad_frames,
             bytes_skipped: reception.bytes_skipped,
             arms_lost: self.answers.arm.lost(),
+            power_lost: self.answers.arm.power_lost(),
             arm: self.answers.arm.status(),
             ..self.answers.counters
         }
@@ -221,14 +223,19 @@ enum Answer {
     Status,
     Info,
     Standard,
+    Health,
+    Owed(Owed),
 }
 
 impl Answers {
     fn due_at(&self) -> Instant {
         match self.phase {
             _ if self.syncs != 0 => Instant::MIN,
-            Phase::Open if self.info => Instant::MIN,
-            Phase::Open => self.cycle_at.min(self.status_at.unwrap_or(Instant::MAX)),
+            Phase::Open if self.info || self.extension.owes() => Instant::MIN,
+            Phase::Open => {
+                let others = [self.status_at, self.health_is_due_at()];
+                others.into_iter().flatten().fold(self.cycle_at, Instant::min)
+            }
             Phase::Closed | Phase::Synchronised(_) => Instant::MAX,
         }
     }
@@ -255,6 +262,15 @@ impl Answers {
         }
         if core::mem::take(&mut self.info) {
             return Some(Answer::Info);
+        }
+        if self.health_is_due_at().is_some_and(|at| at <= now) {
+            return Some(self.say_health());
+        }
+        if let Some(owed) = self.extension.next() {
+            // So that no flood of questions keeps an ARMpac from the line.
+            self.status_said = false;
+            count(&mut self.counters.answers_sent);
+            return Some(Answer::Owed(owed));
         }
         status_is_due.then(|| self.say_status())
     }
@@ -301,16 +317,21 @@ impl Answers {
         self.info = false;
         self.status_at = None;
         self.stream = false;
+        self.health = Repeat::Stop;
+        self.extension.forget();
         self.arm.end_session(now);
     }
 
-    /// Does what an intact packet asks for.
-    fn respond(&mut self, packet: &Packet<'_>, now: Instant) {
+    /// Does what an intact packet asks for, and yields what the extension asks of the board.
+    fn respond(&mut self, packet: &Packet<'_>, now: Instant) -> Option<Request> {
         self.heard = now;
         match (self.phase, packet.id, packet.data) {
             (Phase::Open, command::PULSE | command::OPEN, _) => {}
             (Phase::Open, command::CLOSE, _) => self.end(now),
-            (Phase::Open, ..) => self.obey(packet, now),
+            (Phase::Open, ..) => match extension::parse_request(packet) {
+                Some(request) => return self.extend(request, now),
+                None => self.obey(packet, now),
+            },
             (Phase::Synchronised(2), command::OPEN, data) if opens(data) => {
                 count(&mut self.counters.opened);
                 self.phase = Phase::Open;
@@ -323,6 +344,7 @@ impl Answers {
             | (Phase::Synchronised(2), number @ 2, []) => self.synchronise(number, self.syncs),
             _ => count(&mut self.counters.out_of_turn),
         }
+        None
     }
 
     /// SYNC `number` has come, and these still wait for their answers.
@@ -373,9 +395,4 @@ fn standard(snapshot: &Snapshot) -> Standard {
     // 4095 counts are 24 V.
     let battery_dv = (u32::from(motors.min(4095)) * 240 + 2047) / 4095;
     Standard { battery_dv: battery_dv as u8, ..Standard::default() } // 240 at the most
-}
-
-/// Counters wrap.
-fn count(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
 }

@@ -13,7 +13,6 @@
 //! - the host hears from us at least once a second: telemetry, or a ping;
 //! - what the extension is asked for goes behind acknowledgements, before telemetry.
 
-mod extension;
 mod translate;
 
 use core::num::NonZeroU8;
@@ -24,14 +23,14 @@ use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Refusal, Repeat, Report, Reports,
 };
 
+pub use super::extension::Boot;
+use super::extension::{Extension, Owed};
 use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused};
 use crate::command::{Command, Configuration};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
-pub use extension::Boot;
-use extension::{Extension, Owed};
-use translate::{motion, report};
+use translate::{motion, report, told};
 
 /// 255/1 is answered at most this often.
 pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
@@ -186,7 +185,11 @@ impl Session for Pms5005 {
             Due::Ping => PING.encode(out),
             Due::Stream(Topic::Telemetry(reports)) => report(reports, &snapshot()).encode(out),
             Due::Stream(Topic::Health) => extension.health(now, &snapshot()).encode(out),
-            Due::Answer(owed) => extension.answer(owed, &snapshot(), &self.counters())?.encode(out),
+            Due::Answer(owed) => {
+                let snapshot = snapshot();
+                let counters = || told(&self.counters(), &snapshot);
+                extension.answer(owed, &snapshot, counters)?.encode(out)
+            }
         };
         frame.ok().map(|frame| &*frame)
     }

@@ -72,7 +72,7 @@ fn run(options: &Options) -> Result<(), String> {
     let mut inspector = options.inspect.as_deref().map(Inspector::open).transpose()?;
     let mut machine = match options.personality {
         Personality::Pms5005 => pms5005::machine(options)?,
-        Personality::PioneerArm => pioneer_arm::machine(options),
+        Personality::PioneerArm => pioneer_arm::machine(options)?,
         Personality::Cm5 => cm5::machine(options)?,
         Personality::Ax12Bus => ax12_bus::machine(options)?,
     };

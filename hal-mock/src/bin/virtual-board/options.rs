@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, ValueEnum};
+use hal_mock::flash::Flash;
 use protocol::arcos::{Dialect, MotionBits};
 
 /// A simulated motion and sensing controller that host programs of the original can talk to.
@@ -32,7 +33,7 @@ pub struct Options {
     pub scene: Option<PathBuf>,
     /// Where saved settings are kept; without it they are lost when the board ends.
     #[arg(long, value_name = "FILE")]
-    pub settings: Option<PathBuf>,
+    settings: Option<PathBuf>,
     /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7.
     #[arg(long, value_name = "IDS", default_value = "1-6")]
     pub servos: String,
@@ -45,7 +46,7 @@ pub struct Options {
     #[arg(long, value_name = "BAUD")]
     line_rate: Option<u32>,
     /// How the Pioneer Arm tells its state: as its manual says, the same with joint 1's motion in
-    /// bit 0, or as ARIA reads it [default: manual].
+    /// bit 0, or as ARIA reads it [default: as its settings say, which is manual].
     #[arg(long, value_enum)]
     dialect: Option<DialectName>,
     /// Stop after N seconds.
@@ -85,7 +86,7 @@ const PARTICULAR: [(&str, &[Personality]); 6] = [
     ("dialect", &[Personality::PioneerArm]),
     ("servos", &[Personality::Cm5, Personality::Ax12Bus]),
     ("bus_faults", &[Personality::Cm5, Personality::Ax12Bus]),
-    ("settings", &[Personality::Pms5005]),
+    ("settings", &[Personality::Pms5005, Personality::PioneerArm]),
 ];
 
 /// What holds unless the user says otherwise.
@@ -165,12 +166,22 @@ impl Options {
         self.line_rate.unwrap_or(self.personality.defaults().line_rate)
     }
 
-    /// How the Pioneer Arm tells its state.
-    pub fn dialect(&self) -> Dialect {
-        match self.dialect.unwrap_or(DialectName::Manual) {
+    /// How the Pioneer Arm tells its state, if that is asked for.
+    pub fn dialect(&self) -> Option<Dialect> {
+        self.dialect.map(|name| match name {
             DialectName::Manual => Dialect::Manual(MotionBits::OneToSix),
             DialectName::ManualB0 => Dialect::Manual(MotionBits::ZeroToFive),
             DialectName::Aria => Dialect::Aria,
+        })
+    }
+
+    /// Where settings are kept.
+    pub fn flash(&self) -> Result<Flash, String> {
+        match &self.settings {
+            None => Ok(Flash::empty()),
+            Some(path) => {
+                Flash::open(path).map_err(|e| format!("--settings {}: {e}", path.display()))
+            }
         }
     }
 

@@ -3,7 +3,9 @@
 use std::fmt::Write;
 
 use embassy_time::Instant;
+use firmware::personality::Boot;
 use firmware::personality::pioneer_arm::PioneerArm;
+use firmware::settings::Settings;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::wire::Line;
 use protocol::arcos::{JOINTS, Receiver};
@@ -11,12 +13,19 @@ use serde_json::{Map, Value, json};
 
 use crate::machine::{Follower, Machine};
 use crate::options::Options;
+use crate::pms5005::latched;
+use crate::values::numbers;
 
-/// The board that the options ask for.
-pub fn machine(options: &Options) -> Box<dyn Machine> {
-    let mut make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
-    make.settings.arm.dialect = options.dialect();
-    Box::new(VirtualBoard::with_session(make, move |now| PioneerArm::new(make.settings.arm, now)))
+/// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
+/// command line goes before the one in the settings.
+pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
+    let make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
+    let dialect = options.dialect();
+    let session = move |mut settings: Settings, boot: Boot, now: Instant| {
+        settings.arm.dialect = dialect.unwrap_or(settings.arm.dialect);
+        PioneerArm::new(settings, boot, now)
+    };
+    Ok(Box::new(VirtualBoard::with_session(make, options.flash()?, session)))
 }
 
 /// The input that tells that the arm is connected, when its cable is cut, and when it is not.
@@ -107,6 +116,7 @@ impl Machine for VirtualBoard<PioneerArm> {
             "joints": std::array::from_fn::<_, JOINTS, _>(joint),
             "powered": link.arm.powered,
             "connected": link.arm.connected,
+            "good": link.arm.good,
             "initialised": link.arm.initialised,
             "homing": link.arm.homing,
             "link": {
@@ -121,6 +131,7 @@ impl Machine for VirtualBoard<PioneerArm> {
                 "ignored": link.ignored,
                 "limited": link.limited,
                 "arms_lost": link.arms_lost,
+                "power_lost": link.power_lost,
                 "standard_sent": link.standard_sent,
                 "standard_skipped": link.standard_skipped,
                 "line_errors": link.line_errors,
@@ -130,29 +141,31 @@ impl Machine for VirtualBoard<PioneerArm> {
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        let mut inputs = self.plant.borrow().overrides.gpio_in;
+        let mut overrides = self.plant.borrow().overrides.clone();
         for (key, value) in changes {
-            inputs = match (key.as_str(), value) {
-                ("arm_link", Value::Bool(true)) => Some(CONNECTED),
-                ("arm_link", Value::Bool(false)) => Some(CUT),
-                ("arm_link", Value::Null) => None,
+            match (key.as_str(), value) {
+                ("arm_link", Value::Bool(true)) => overrides.gpio_in = Some(CONNECTED),
+                ("arm_link", Value::Bool(false)) => overrides.gpio_in = Some(CUT),
+                ("arm_link", Value::Null) => overrides.gpio_in = None,
                 ("arm_link", _) => return Err(format!("{key}: expected true, false, or null")),
+                ("battery", value) => overrides.battery = numbers(key, value, 4095)?,
                 _ => return Err(format!("{key}: nothing of this name can be set")),
-            };
+            }
         }
-        self.plant.borrow_mut().overrides.gpio_in = inputs;
+        self.plant.borrow_mut().overrides = overrides;
         Ok(())
     }
 }
 
-/// What is wrong with the arm.
-fn faults(board: &VirtualBoard<PioneerArm>) -> Vec<&'static str> {
+/// What is wrong with the arm, and what is latched on its board.
+fn faults(board: &VirtualBoard<PioneerArm>) -> Vec<String> {
     let arm = board.link().arm;
-    let mut faults = Vec::new();
-    if !arm.connected {
-        faults.push("no_arm");
+    let of_the_arm = if !arm.connected {
+        Some("no_arm")
     } else if !arm.initialised {
-        faults.push("needs_init");
-    }
-    faults
+        Some("needs_init")
+    } else {
+        None
+    };
+    of_the_arm.map(str::to_owned).into_iter().chain(latched(&board.snapshot())).collect()
 }

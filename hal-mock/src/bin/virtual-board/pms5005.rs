@@ -5,7 +5,6 @@ use std::fmt::Write;
 use embassy_time::Instant;
 use firmware::controller::Snapshot;
 use hal_mock::board::{Make, VirtualBoard};
-use hal_mock::flash::Flash;
 use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
@@ -29,15 +28,9 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
             scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
         }
     };
-    let flash = match &options.settings {
-        None => Flash::empty(),
-        Some(path) => {
-            Flash::open(path).map_err(|e| format!("--settings {}: {e}", path.display()))?
-        }
-    };
     let make =
         Make { scene, line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
-    Ok(Box::new(VirtualBoard::with_flash(make, flash)))
+    Ok(Box::new(VirtualBoard::with_flash(make, options.flash()?)))
 }
 
 impl Machine for VirtualBoard {
@@ -225,8 +218,14 @@ impl State {
     }
 }
 
-/// What is latched (`stall 0` is channel 0's), and `link_loss` for as long as it holds.
+/// What is latched, and `link_loss` for as long as it holds.
 fn faults(snapshot: &Snapshot) -> Vec<String> {
+    let link_loss = snapshot.link_loss.then(|| "link_loss".to_owned());
+    link_loss.into_iter().chain(latched(snapshot)).collect()
+}
+
+/// What is latched (`stall 0` is channel 0's), but for the loss of the link.
+pub fn latched(snapshot: &Snapshot) -> impl Iterator<Item = String> {
     let name = |(fault, channel): (Fault, Option<Channel>)| {
         let mut name = String::new();
         for letter in format!("{fault:?}").chars() {
@@ -237,9 +236,7 @@ fn faults(snapshot: &Snapshot) -> Vec<String> {
         }
         channel.map_or(name.clone(), |channel| format!("{name} {}", channel.number()))
     };
-    let link_loss = snapshot.link_loss.then(|| "link_loss".to_owned());
-    let latched = snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss);
-    link_loss.into_iter().chain(latched.map(name)).collect()
+    snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss).map(name)
 }
 
 /// The overrides with some of them changed; an error names the key, and nothing is changed.

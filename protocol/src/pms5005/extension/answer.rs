@@ -59,6 +59,10 @@ codes! {
         Duty = 8,
         /// Microseconds.
         Microseconds = 9,
+        /// Seconds.
+        Seconds = 10,
+        /// Ticks of an arm's joint.
+        Ticks = 11,
     }
 }
 
@@ -147,11 +151,33 @@ pub struct Description<'a> {
     pub unit: Unit,
     /// Its name: ASCII, [`Self::LONGEST_NAME`] bytes at most.
     pub name: &'a str,
+    /// Of several of this name (channels, joints), which: 0 to 9, told behind the name.
+    pub member: Option<u8>,
 }
 
 impl Description<'_> {
     /// Bytes of the longest name.
     pub const LONGEST_NAME: usize = 24;
+}
+
+impl core::fmt::Display for Description<'_> {
+    /// Its name, and which it is.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.member {
+            Some(member) => write!(f, "{} {member}", self.name),
+            None => f.write_str(self.name),
+        }
+    }
+}
+
+/// Takes " 5" from the end of a name.
+fn member(name: &str) -> (&str, Option<u8>) {
+    let last = name.char_indices().next_back();
+    let digit = last.and_then(|(at, digit)| Some((at, u8::try_from(digit.to_digit(10)?).ok()?)));
+    match digit.and_then(|(at, digit)| Some((name.get(..at)?.strip_suffix(' ')?, digit))) {
+        Some((name, digit)) => (name, Some(digit)),
+        None => (name, None),
+    }
 }
 
 /// Who the board is (DID 97).
@@ -180,6 +206,8 @@ pub struct Health {
     pub stack_used: u16,
     /// Latched faults.
     pub faults: u8,
+    /// Control periods that began so late that they were missed; wraps.
+    pub periods_missed: u32,
 }
 
 /// Everything that a board counts (DID 99), in the order of the wire. The counters wrap.
@@ -370,13 +398,16 @@ impl<'a> Answer<'a> {
         Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data }.encode(out)
     }
 
-    fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+    /// Appends DATA.
+    pub(crate) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match self {
             Self::Setting(setting) => {
                 let representable = setting.number != 0
                     && setting.next != Some(0)
                     && setting.name.is_ascii()
-                    && setting.name.len() <= Description::LONGEST_NAME;
+                    && setting.name.len() <= Description::LONGEST_NAME
+                    && (setting.member.is_some() || member(setting.name).1.is_none())
+                    && setting.member.is_none_or(|member| member < 10);
                 if !representable {
                     return Err(EncodeError::NotRepresentable);
                 }
@@ -387,7 +418,10 @@ impl<'a> Answer<'a> {
                     append(data, &value.to_le_bytes())?;
                 }
                 append(data, &[setting.unit.code()])?;
-                append(data, setting.name.as_bytes())
+                append(data, setting.name.as_bytes())?;
+                // A digit by the check above.
+                let digit = |member: u8| append(data, &[b' ', b'0'.saturating_add(member)]);
+                setting.member.map_or(Ok(()), digit)
             }
             Self::Identity(identity) => {
                 append(data, &identity.version)?;
@@ -397,7 +431,8 @@ impl<'a> Answer<'a> {
                 append(data, &health.uptime_ms.to_le_bytes())?;
                 append(data, &health.worst_latency_us.to_le_bytes())?;
                 append(data, &health.stack_used.to_le_bytes())?;
-                append(data, &[health.faults])
+                append(data, &[health.faults])?;
+                append(data, &health.periods_missed.to_le_bytes())
             }
             Self::Counters(counters) => {
                 counters.words().iter().try_for_each(|counter| append(data, &counter.to_le_bytes()))
@@ -424,7 +459,7 @@ impl<'a> Answer<'a> {
                 let [number, next] = fields.words()?;
                 let [value, low, high, default] = [(); 4].map(|()| fields.number());
                 let unit = fields.code(Unit::from_code)?;
-                let name = core::str::from_utf8(fields.rest()).ok()?;
+                let (name, member) = member(core::str::from_utf8(fields.rest()).ok()?);
                 if number == 0 || name.len() > Description::LONGEST_NAME || !name.is_ascii() {
                     return None;
                 }
@@ -436,6 +471,7 @@ impl<'a> Answer<'a> {
                     default: default?,
                     unit,
                     name,
+                    member,
                 })
             }
             did::IDENTITY => {
@@ -451,7 +487,14 @@ impl<'a> Answer<'a> {
                 let uptime_ms = u32::from_le_bytes(fields.bytes()?);
                 let [worst_latency_us, stack_used] = fields.words()?;
                 let [faults] = fields.bytes()?;
-                Self::Health(Health { uptime_ms, worst_latency_us, stack_used, faults })
+                let periods_missed = u32::from_le_bytes(fields.bytes()?);
+                Self::Health(Health {
+                    uptime_ms,
+                    worst_latency_us,
+                    stack_used,
+                    faults,
+                    periods_missed,
+                })
             }
             did::COUNTERS => {
                 let mut words = [0; Counters::COUNT];

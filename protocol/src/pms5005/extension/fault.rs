@@ -41,7 +41,7 @@ faults! {
     /// A channel is driven and does not turn.
     Stall = 2, ["current (A/D)", "duty (1/16384)", "position (counts)"];
     /// A channel does not follow its set-point.
-    TrackingError = 3, ["error (counts)", "duty (1/16384)", "position (counts)"];
+    TrackingError = 3, ["error (counts, or counts/s)", "duty (1/16384)", "position (counts)"];
     /// A channel's sensor says what cannot be.
     SensorLost = 4, ["position (counts)", "duty (1/16384)", "last good position (counts)"];
     /// The motors' battery is low.
@@ -61,7 +61,7 @@ faults! {
     /// A control period began too late.
     PeriodMissed = 23, ["latency (us)"];
     /// Bytes of the host were lost.
-    ReceiveOverrun = 24, ["errors of the line"];
+    ReceiveOverrun = 24, [];
     /// The stored settings were damaged or foreign: the board runs on defaults.
     SettingsCorrupt = 25, [];
     /// The watchdog has restarted the board.

@@ -36,7 +36,7 @@
 //! | | 9 to 12, 13 to 16 | Lowest and highest value |
 //! | | 17 to 20 | Default |
 //! | | 21 | Unit ([`Unit`]) |
-//! | | 22 to the end | Name, ASCII, 24 bytes at most |
+//! | | 22 to the end | Name, ASCII, 24 bytes at most; of several of one name (channels, joints) a space and a digit behind it tell which |
 //! | 97 | 1, 2, 3 | Version of the firmware: major, minor, patch |
 //! | | 4 | Version of this extension: 1 |
 //! | | 5 | Why the board has started ([`ResetCause`]) |
@@ -45,6 +45,7 @@
 //! | | 5 to 6 | Worst control latency since boot in microseconds: from the tick that begins a control period until its outputs stand |
 //! | | 7 to 8 | Stack high-water mark: the most that was ever used, in bytes; 0 is unknown |
 //! | | 9 | Latched faults |
+//! | | 10 to 13 | Control periods missed: those that have begun a period late or more; wraps |
 //! | 99 | 1 to 72 | 18 counters of 4 bytes, in the order of [`Counters`]; they wrap |
 //! | 100 | 1 | Place in the list, as asked |
 //! | | 2 | Latched faults; when the place is not below it, nothing follows |
@@ -56,6 +57,8 @@
 //! | | 2 | First byte of its DATA, 0 if it had none |
 //! | | 3 | What came of it ([`Verdict`]) |
 //! | | 4 to 5 | Number of the setting that it is about, or 0 |
+//!
+//! A Pioneer Arm carries the same in [other packets](crate::arcos::extension).
 //!
 //! Nothing here is a measured value that could give way: unlike telemetry, DATA may hold `5E 0D`.
 

@@ -57,7 +57,7 @@ impl Action {
 
 impl<'a> Request<'a> {
     /// Reads DID and DATA of a frame that is the extension's; `None` if it is not.
-    pub(in super::super) fn parse(did: u8, data: &'a [u8]) -> Option<Result<Self, Refusal>> {
+    pub(crate) fn parse(did: u8, data: &'a [u8]) -> Option<Result<Self, Refusal>> {
         if !super::owns(did, data) {
             return None;
         }
@@ -81,7 +81,7 @@ impl<'a> Request<'a> {
     }
 
     /// The DID that it has on the wire.
-    pub(in super::super) fn did(&self) -> u8 {
+    pub(crate) fn did(&self) -> u8 {
         match self {
             Self::Set(_) | Self::Do(_) => manual::PARAMETERS,
             Self::Setting(_) => did::SETTING,
@@ -93,7 +93,7 @@ impl<'a> Request<'a> {
     }
 
     /// Appends DATA.
-    pub(in super::super) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+    pub(crate) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match self {
             Self::Set(assignments) => append(data, assignments.as_bytes()),
             Self::Do(action) => append(data, &[action.number()]),

@@ -1,4 +1,5 @@
-//! The session's part in the protocol's extension: settings by number, upkeep, health, faults.
+//! A session's part in the protocol's extension: settings by number, upkeep, health, faults. The
+//! PMS5005's session and the Pioneer Arm's share it; each has its own packets around it.
 //!
 //! What a request asks of the session is done here, and what is to be answered waits here, as a
 //! note of a few bytes; the answer itself is made when it is sent, from what is true then.
@@ -11,10 +12,9 @@ use protocol::pms5005::extension::{
 };
 use protocol::pms5005::{Scope, did, extension};
 
-use super::LinkCounters;
-use crate::command::{Command, Configuration};
+use super::{Request, Upkeep, UpkeepRefused};
+use crate::command::Command;
 use crate::controller::{ShownFault, Snapshot};
-use crate::personality::{Request, Upkeep, UpkeepRefused};
 use crate::ports::Program;
 use crate::settings::{SettingRefused, Settings};
 
@@ -106,6 +106,12 @@ impl Extension {
         owed
     }
 
+    /// Owes nobody anything any more: the host has gone. Upkeep under way is still done.
+    pub(super) fn forget(&mut self) {
+        self.owed.clear();
+        self.asked_fault = None;
+    }
+
     /// When to [`look`](Self::look) at a snapshot.
     pub(super) fn looks_at(&self) -> Option<Instant> {
         let is_waiting = |owed: &Owed| matches!(owed, Owed::Fault(_));
@@ -181,7 +187,7 @@ impl Extension {
 
     /// The command that makes the controller's settings those in force here.
     fn adopt(&self) -> Command {
-        Command::Configure(Configuration::of_settings(self.settings.control))
+        Command::Adopt(self.settings.control)
     }
 
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
@@ -227,7 +233,7 @@ impl Extension {
         &self,
         owed: Owed,
         snapshot: &Snapshot,
-        link: &LinkCounters,
+        counters: impl FnOnce() -> Counters,
     ) -> Option<Answer<'static>> {
         Some(match owed {
             Owed::Setting(number) => Answer::Setting(self.settings.describe(number)?),
@@ -237,7 +243,7 @@ impl Extension {
                 reset: self.boot.reset,
                 settings: self.boot.settings,
             }),
-            Owed::Counters => Answer::Counters(counters(link, snapshot)),
+            Owed::Counters => Answer::Counters(counters()),
             Owed::Fault(place) => {
                 let ShownFault { total, record, .. } = snapshot.shown_fault;
                 Answer::Fault(Latched { place, total, record })
@@ -253,6 +259,7 @@ impl Extension {
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
             faults: snapshot.faults.count() as u8, // 35 at the most
+            periods_missed: snapshot.counters.periods_missed,
         })
     }
 }
@@ -268,28 +275,5 @@ const fn version(number: &str) -> u8 {
     match u8::from_str_radix(number, 10) {
         Ok(number) => number,
         Err(_) => panic!("each part of the version fits a byte"), // when it is compiled
-    }
-}
-
-fn counters(link: &LinkCounters, snapshot: &Snapshot) -> Counters {
-    Counters {
-        frames_ok: link.frames_ok,
-        bad_frames: link.bad_frames,
-        bytes_skipped: link.bytes_skipped,
-        frames_for_us: link.frames_for_us,
-        not_for_us: link.not_for_us,
-        unknown: link.unknown,
-        refused: link.refused,
-        acks_sent: link.acks_sent,
-        acks_dropped: link.acks_dropped,
-        telemetry_sent: link.telemetry_sent,
-        telemetry_skipped: link.telemetry_skipped,
-        pings_sent: link.pings_sent,
-        pictures_dropped: link.pictures_dropped,
-        line_errors: link.line_errors,
-        answers_sent: link.answers_sent,
-        answers_dropped: link.answers_dropped,
-        commands_refused: snapshot.counters.refused,
-        links_lost: snapshot.counters.links_lost,
     }
 }

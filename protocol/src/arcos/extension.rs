@@ -1,0 +1,96 @@
+//! What this implementation adds to ARCOS: settings, health, faults and upkeep of the board.
+//!
+//! It is the PMS5005's [extension](crate::pms5005::extension) in ARCOS packets, off ARCOS's map: a
+//! host that never sends one sees an original. Requests and answers, their bytes, verdicts and
+//! units are those of Tables E.1 and E.2 there; only what is around them differs. A request counts
+//! in an open session only, has one answer, and is a sign of life, but no arm command.
+//!
+//! | command | argument: `2B`, length, and these bytes | answer: packet |
+//! |---|---|---|
+//! | 96 | DATA of DID 96: number of a setting (2 bytes) | 96, or 101 |
+//! | 97 | none: who are you? | 97 |
+//! | 98 | DATA of DID 98: health N times (1 byte), 0 is stop; none is continuously, one a cycle | 98 |
+//! | 99 | none: counters | 99 |
+//! | 100 | DATA of DID 100: place of a latched fault (1 byte) | 100, or 101 |
+//! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot | 101 |
+//!
+//! "None" is no argument, or a text of no bytes; an argument of another type is refused as one of a
+//! bad length. An answer's data are the DATA of the answer of that DID, and in an outcome (101) the
+//! first byte is the DID: 7 for what command 101 has asked.
+//!
+//! | packet | bytes |
+//! |---|---|
+//! | read setting 32 | `FA FB 07 60 2B 02 20 00 62 4B` |
+//! | save | `FA FB 06 65 2B 01 82 66 AD` |
+//! | saved | `FA FB 08 65 07 82 00 00 00 E7 07` |
+//!
+//! Of the counters (99) those of the PMS5005's pings, acknowledgements, pictures and other devices
+//! stay 0; "unknown" are commands that are not the arm's, "refused" those that were refused or
+//! ignored.
+
+use super::packet::{Argument, EncodeError, OVERHEAD, Packet, encode_command};
+use crate::pms5005::extension::{Answer, Outcome, Request, Verdict, did};
+use crate::pms5005::{self, Data};
+
+/// The command whose argument is DATA of DID 7.
+const PARAMETERS: u8 = did::OUTCOME;
+
+/// Bytes of the longest answer: the counters.
+pub const MAX_ANSWER: usize = OVERHEAD + Answer::MAX_FRAME - pms5005::OVERHEAD;
+
+/// What a command asks of the extension, or what it is told because it asks nothing; `None` if it
+/// is not the extension's.
+pub fn parse_request<'a>(packet: &Packet<'a>) -> Option<Result<Request<'a>, Outcome>> {
+    let did = match packet.id {
+        PARAMETERS => pms5005::did::PARAMETERS,
+        did::SETTING..=did::FAULT => packet.id,
+        _ => return None,
+    };
+    let data = match Argument::parse(packet.data) {
+        Ok(None) => &[],
+        Ok(Some(Argument::Text(data))) => data,
+        _ => return Some(Err(Outcome::of(did, &[], Verdict::BadLength))),
+    };
+    Some(match Request::parse(did, data) {
+        Some(Ok(request)) => Ok(request),
+        Some(Err(refusal)) => Err(Outcome::of(did, data, refusal.into())),
+        // The manual's sub-commands of DID 7 are not an arm's.
+        None => Err(Outcome::of(did, data, Verdict::Unknown)),
+    })
+}
+
+/// Writes a request's packet into `out` and answers the part it took.
+///
+/// # Errors
+/// [`EncodeError::TooLong`] for more than 27 settings at once, [`EncodeError::BufferTooShort`].
+pub fn encode_request<'b>(
+    request: &Request<'_>,
+    out: &'b mut [u8],
+) -> Result<&'b mut [u8], EncodeError> {
+    let mut data = Data::new();
+    request.emit(&mut data).map_err(|_| EncodeError::TooLong)?;
+    let number = match request.did() {
+        pms5005::did::PARAMETERS => PARAMETERS,
+        did => did,
+    };
+    encode_command(number, Some(Argument::Text(&data)), out)
+}
+
+/// Writes an answer's packet into `out` and answers the part it took: 78 bytes at the most.
+///
+/// # Errors
+/// [`EncodeError::BufferTooShort`], and [`EncodeError::NotRepresentable`] where
+/// [`Answer::encode`] says so.
+pub fn encode_answer<'b>(
+    answer: &Answer<'_>,
+    out: &'b mut [u8],
+) -> Result<&'b mut [u8], EncodeError> {
+    let mut data = Data::new();
+    answer.emit(&mut data).map_err(|_| EncodeError::NotRepresentable)?;
+    Packet { id: answer.did(), data: &data }.encode(out)
+}
+
+/// Reads an intact packet; `None` if it is no answer of the extension.
+pub fn parse_answer<'a>(packet: &Packet<'a>) -> Option<Answer<'a>> {
+    Answer::parse(packet.id, packet.data)
+}

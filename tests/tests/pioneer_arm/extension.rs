@@ -1,0 +1,349 @@
+//! The board's settings, health and faults in ARCOS packets: byte by byte against the table of
+//! `protocol::arcos::extension`, and what comes of each request.
+
+use super::*;
+use hal_mock::flash::Flash;
+use protocol::arcos::{ArmInfo, extension};
+use protocol::pms5005::extension::{
+    Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Request, ResetCause,
+    Verdict,
+};
+use protocol::pms5005::{Data, Repeat};
+
+/// The numbers of joint 1's home, lowest and highest position.
+const HOME: u16 = 129;
+const MIN: u16 = 130;
+const MAX: u16 = 132;
+
+/// The packet of a request; what it asks is what the board reads in it.
+fn written(request: Request<'_>) -> Vec<u8> {
+    let bytes = extension::encode_request(&request, &mut [0; 200]).unwrap().to_vec();
+    let packet = Packet::parse(&bytes).unwrap();
+    assert_eq!(extension::parse_request(&packet), Some(Ok(request)));
+    bytes
+}
+
+fn assign(assignments: &[(u16, i32)]) -> Data {
+    let mut data = Data::new();
+    assignments.iter().for_each(|&(n, value)| Assignments::emit(n, value, &mut data).unwrap());
+    data
+}
+
+impl Host {
+    /// Sends a command with these bytes as text, and yields id and data of the one answer to it.
+    fn ask_raw(&mut self, number: u8, text: &[u8]) -> (u8, Vec<u8>) {
+        self.received();
+        let argument = Some(Argument::Text(text));
+        self.send_bytes(encode_command(number, argument, &mut [0; 200]).unwrap());
+        self.run_ms(40);
+        let mut answers: Vec<_> =
+            self.received().into_iter().filter(|packet| (96..112).contains(&packet.id)).collect();
+        assert_eq!(answers.len(), 1, "{number} {text:?}: {answers:?}");
+        let answer = answers.remove(0);
+        (answer.id, answer.packet().data.to_vec())
+    }
+
+    fn outcome(&mut self, number: u8, text: &[u8]) -> (Verdict, u16) {
+        let (id, data) = self.ask_raw(number, text);
+        match extension::parse_answer(&Packet { id, data: &data }) {
+            Some(Answer::Outcome(outcome)) => {
+                let did = if number == 101 { 7 } else { number };
+                assert_eq!((outcome.did, outcome.first), (did, *text.first().unwrap_or(&0)));
+                (outcome.verdict, outcome.setting)
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
+    fn act(&mut self, action: Action) -> Verdict {
+        self.outcome(101, &[action.number()]).0
+    }
+
+    fn set(&mut self, assignments: &[(u16, i32)]) -> (Verdict, u16) {
+        self.outcome(101, &assign(assignments))
+    }
+
+    fn value(&mut self, number: u16) -> i32 {
+        let (id, data) = self.ask_raw(96, &number.to_le_bytes());
+        match extension::parse_answer(&Packet { id, data: &data }) {
+            Some(Answer::Setting(setting)) => setting.value,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// What is told of a fault.
+    fn fault(&mut self, place: u8) -> Latched {
+        let (id, data) = self.ask_raw(100, &[place]);
+        match extension::parse_answer(&Packet { id, data: &data }) {
+            Some(Answer::Fault(latched)) => latched,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[test]
+fn requests_byte_by_byte() {
+    let data = assign(&[(32, 20)]);
+    let set = Request::Set(Assignments::parse(&data).unwrap());
+    for (request, bytes) in [
+        (Request::Setting(32), &[0xFA, 0xFB, 7, 96, 0x2B, 2, 32, 0, 0x62, 0x4B][..]),
+        (Request::Identity, &[0xFA, 0xFB, 5, 97, 0x2B, 0, 0x61, 0x2B]),
+        (Request::Health(Repeat::Continuous), &[0xFA, 0xFB, 5, 98, 0x2B, 0, 0x62, 0x2B]),
+        (Request::Health(Repeat::Stop), &[0xFA, 0xFB, 6, 98, 0x2B, 1, 0, 0x63, 0x2B]),
+        (Request::Counters, &[0xFA, 0xFB, 5, 99, 0x2B, 0, 0x63, 0x2B]),
+        (Request::Fault(3), &[0xFA, 0xFB, 6, 100, 0x2B, 1, 3, 0x65, 0x2E]),
+        (Request::Do(Action::Save), &[0xFA, 0xFB, 6, 101, 0x2B, 1, 0x82, 0x66, 0xAD]),
+        (set, &[0xFA, 0xFB, 12, 101, 0x2B, 7, 0x80, 32, 0, 20, 0, 0, 0, 0xA0, 0xAB]),
+    ] {
+        assert_eq!(written(request), bytes, "{request:?}");
+    }
+    // No argument at all, and a type byte with nothing behind it, are no bytes too.
+    for data in [&[][..], &[0x2B]] {
+        let identity = Packet { id: 97, data };
+        assert_eq!(extension::parse_request(&identity), Some(Ok(Request::Identity)));
+    }
+    for id in [95, 102, 111] {
+        assert_eq!(extension::parse_request(&Packet { id, data: &[] }), None, "{id}");
+    }
+}
+
+#[test]
+fn answers_are_the_pms5005s_data_in_packets_of_the_same_number() {
+    let outcome = Outcome { did: 7, first: 0x82, verdict: Verdict::Done, setting: 0 };
+    let health =
+        Health { uptime_ms: 1, worst_latency_us: 2, stack_used: 3, faults: 4, periods_missed: 5 };
+    for (answer, bytes) in [
+        (Answer::Outcome(outcome), &[0xFA, 0xFB, 8, 101, 7, 0x82, 0, 0, 0, 0xE7, 0x07][..]),
+        (
+            Answer::Health(health),
+            &[0xFA, 0xFB, 16, 98, 1, 0, 0, 0, 2, 0, 3, 0, 4, 5, 0, 0, 0, 0x67, 0x0A],
+        ),
+    ] {
+        let mut out = [0; 200];
+        let packet = extension::encode_answer(&answer, &mut out).unwrap();
+        assert_eq!(packet, bytes);
+        assert_eq!(extension::parse_answer(&Packet::parse(packet).unwrap()), Some(answer));
+    }
+}
+
+#[test]
+fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jumps_for_it() {
+    let flash = Flash::empty();
+    let mut host = Host::with_flash(Make::default(), flash.clone());
+    host.open();
+    assert_eq!((host.value(0), host.value(HOME), host.value(112)), (2000, 127, 0));
+    host.send(ArmCommand::Power(true));
+    host.run_ms(5);
+    let mut watch = NoJump::new(&host);
+    let ours = [(112, 2), (HOME, 100), (MIN, 50), (MAX, 200), (133, 90)];
+    assert_eq!(host.set(&ours), (Verdict::Done, 0));
+    assert_eq!(host.value(HOME), 100, "told at once");
+    host.send(ArmCommand::Home(ALL));
+    host.go(1, 210);
+    host.run_alive_with(2000, |host| watch.look(host));
+    assert_eq!((host.ticks(1), host.pulses()[0]), (210, Some(pulse(210))), "in force later");
+
+    let upkeep = [Action::Save, Action::FactoryReset, Action::Reboot, Action::RebootIntoDfu];
+    for action in upkeep {
+        assert_eq!(host.act(action), Verdict::OutputsOn, "{action:?} with servo power");
+    }
+    assert_eq!(flash.image(), Flash::empty().image());
+    host.send(ArmCommand::Park);
+    host.run_alive_with(2500, |host| watch.look(host));
+    assert_eq!(host.act(Action::Save), Verdict::Done);
+    assert_eq!(host.act(Action::RebootIntoDfu), Verdict::NotAvailable);
+    assert_eq!(host.act(Action::Reboot), Verdict::Done);
+    host.run_ms(150);
+
+    host.received();
+    host.open();
+    assert_eq!(host.ask_raw(97, &[]).1[3..], [1, ResetCause::Software as u8, Origin::Stored as u8]);
+    host.received();
+    host.send(ArmCommand::Info);
+    host.run_ms(20);
+    let packets = host.received();
+    let info = packets.iter().find(|packet| packet.id == ArmInfo::ID).unwrap();
+    let Some(ArmInfo::Arm { joints, .. }) = ArmInfo::parse(&info.packet()) else { panic!() };
+    let joint = joints[0];
+    assert_eq!((joint.home, joint.min, joint.max, joint.ticks_per_90), (100, 50, 200, 90));
+    assert_eq!((joints[1].home, joints[1].max), (127, 255));
+    // Good and initialised: ARIA's dialect.
+    assert_eq!(host.status_bytes(), [0, 0b11, 100, 127, 127, 127, 127, 127]);
+    host.send(ArmCommand::Power(true));
+    host.run_ms(5);
+    assert_eq!(host.pulses()[0], Some((3375 - 27 * 2250 / 90) as u16));
+
+    // Another board with the same flash; then the defaults again.
+    let mut host = Host::with_flash(Make::default(), flash.clone());
+    host.open();
+    assert_eq!((host.value(HOME), host.ticks(1)), (100, 100));
+    assert_eq!(host.act(Action::FactoryReset), Verdict::Done);
+    assert_eq!(host.value(HOME), 127);
+    let mut host = Host::with_flash(Make::default(), flash);
+    host.open();
+    assert_eq!(host.ticks(1), 127);
+}
+
+#[test]
+fn bad_requests_change_nothing_are_counted_and_told_why() {
+    let mut host = Host::opened();
+    let cut_short = &assign(&[(HOME, 100)])[..6];
+    for (number, text, verdict, setting) in [
+        (101, &assign(&[(HOME, 100), (999, 1)])[..], Verdict::NoSuchSetting, 999),
+        (101, &assign(&[(HOME, 100), (MIN, 256)]), Verdict::OutOfRange, MIN),
+        (101, &assign(&[(HOME, 100), (MIN, 101)]), Verdict::Contradiction, HOME),
+        (101, cut_short, Verdict::BadLength, 0),
+        (101, &[0x86], Verdict::Unknown, 0),
+        // The manual's parameters are no arm's.
+        (101, &[6, 0, 1], Verdict::Unknown, 0),
+        (101, &[], Verdict::Unknown, 0),
+        (96, &[], Verdict::BadLength, 0),
+        (96, &[5, 0], Verdict::NoSuchSetting, 5),
+        (97, &[0], Verdict::BadLength, 0),
+        (98, &[1, 1], Verdict::BadLength, 0),
+        (100, &[], Verdict::BadLength, 0),
+    ] {
+        let before = host.link().refused;
+        assert_eq!(host.outcome(number, text), (verdict, setting), "{number} {text:?}");
+        assert_eq!(host.link().refused - before, 1, "{number} {text:?}");
+    }
+    // Arguments of other types, and what is none.
+    for data in [&[0x3B, 1, 0][..], &[0x1B, 1, 0], &[0x2B, 2, 0], &[0xAA]] {
+        for id in 96..=101 {
+            host.received();
+            host.send_bytes(Packet { id, data }.encode(&mut [0; 20]).unwrap());
+            host.run_ms(40);
+            let packets = host.received();
+            let told = packets.iter().find(|packet| packet.id == 101).unwrap();
+            let did = if id == 101 { 7 } else { id };
+            let bad = Verdict::BadLength.code();
+            assert_eq!(told.packet().data, [did, 0, bad, 0, 0], "{id} {data:02x?}");
+        }
+    }
+    assert_eq!((host.value(HOME), host.value(MIN)), (127, 0));
+    assert_eq!(host.link().not_for_the_arm, 0);
+}
+
+#[test]
+fn health_comes_at_once_and_then_once_a_cycle_as_often_as_it_is_asked_for() {
+    let mut host = Host::opened();
+    let count = |host: &mut Host, ms| {
+        host.received();
+        host.run_alive_ms(ms);
+        host.ids().iter().filter(|&&id| id == 98).count()
+    };
+    let ask = |host: &mut Host, repeat| host.send_bytes(&written(Request::Health(repeat)));
+    ask(&mut host, Repeat::Times(3.try_into().unwrap()));
+    assert_eq!((count(&mut host, 15), count(&mut host, 1000)), (1, 2));
+    ask(&mut host, Repeat::Continuous);
+    assert_eq!(count(&mut host, 1005), 11);
+    ask(&mut host, Repeat::Stop);
+    assert_eq!(count(&mut host, 1000), 0);
+    // The next host has not asked.
+    ask(&mut host, Repeat::Continuous);
+    host.run_ms(50);
+    host.send_bare(command::CLOSE);
+    host.run_ms(100);
+    host.received();
+    host.open();
+    assert_eq!(count(&mut host, 1000), 0);
+    host.send_bytes(&written(Request::Health(Repeat::Times(1.try_into().unwrap()))));
+    host.run_ms(20);
+    let packets = host.received();
+    let told = packets.iter().find(|packet| packet.id == 98).unwrap();
+    let Some(Answer::Health(health)) = extension::parse_answer(&told.packet()) else { panic!() };
+    let now = Instant::now().as_millis() as u32;
+    assert!((now - 25..=now).contains(&health.uptime_ms), "{health:?} at {now}");
+    assert_eq!(health.faults, 0);
+}
+
+#[test]
+fn a_fault_is_told_with_its_values_and_can_be_cleared_but_the_arm_still_needs_init() {
+    let mut host = Host::powered();
+    let none = Latched { place: 0, total: 0, record: None };
+    assert_eq!(host.fault(0), none);
+    host.board.plant.borrow_mut().overrides.battery[2] = Some(1700);
+    host.run_alive_ms(1100);
+    let record = host.fault(0).record.unwrap();
+    assert_eq!((record.fault, record.channel), (Fault::ServoBatteryLow, None));
+    assert_eq!(record.values, [1700, 0, 0]);
+    assert!((1000..1200).contains(&record.uptime_ms), "{record:?}");
+    assert_eq!(host.fault(1), Latched { place: 1, total: 1, record: None });
+    host.board.plant.borrow_mut().overrides.battery[2] = None;
+    host.run_alive_ms(100);
+    assert_eq!(host.act(Action::ClearFaults), Verdict::Done);
+    assert_eq!(host.fault(0), none);
+    host.send(ArmCommand::Power(true));
+    host.run_alive_ms(50);
+    assert!(!host.arm().powered && host.arm().good && !host.arm().initialised);
+    host.send(ArmCommand::Init);
+    host.run_alive_ms(750);
+    host.send(ArmCommand::Power(true));
+    host.run_ms(5);
+    assert_eq!(host.pulses(), AT_HOME);
+}
+
+#[test]
+fn counters_are_what_the_session_has_counted() {
+    let mut host = Host::opened();
+    host.send_bare(200);
+    host.send_int(command::STATUS, 9);
+    host.send(ArmCommand::Home(ALL));
+    host.run_ms(20);
+    let (id, data) = host.ask_raw(99, &[]);
+    let answer = extension::parse_answer(&Packet { id, data: &data });
+    let Some(Answer::Counters(counters)) = answer else { panic!("{answer:?}") };
+    let link = host.link();
+    assert_eq!((counters.unknown, counters.refused), (1, 2));
+    assert_eq!((counters.frames_ok, counters.answers_sent), (link.packets_ok, 1));
+    assert!(counters.telemetry_sent > 0 && counters.acks_sent == 0);
+}
+
+#[test]
+fn outside_a_session_the_extension_is_silent_and_what_it_owes_is_forgotten() {
+    let mut host = Host::new();
+    host.send_bytes(&written(Request::Identity));
+    host.run_ms(100);
+    assert_eq!((host.ids(), host.link().out_of_turn), (vec![], 1));
+    host.open();
+    (0..5).for_each(|_| host.send_bytes(&written(Request::Counters)));
+    host.send_bytes(&written(Request::Fault(0)));
+    host.send_bytes(&written(Request::Do(Action::Save)));
+    host.send_bare(command::CLOSE);
+    host.run_ms(200);
+    host.received();
+    host.open();
+    host.run_alive_ms(500);
+    assert!(host.ids().iter().all(|&id| id == Standard::ID));
+    assert_eq!(host.fault(0).total, 0, "it can be asked for again");
+}
+
+#[test]
+fn requests_faster_than_the_line_are_bounded_and_starve_nobody() {
+    let make = Make { line_rate: 9600, ..Make::default() };
+    let mut host = Host::with(make);
+    host.run_ms(100);
+    for sync in SYNC {
+        host.send_bare(sync.id);
+        host.run_ms(50);
+    }
+    host.send_int(command::OPEN, 1);
+    host.run_ms(100);
+    host.received();
+    // What the line takes in ten seconds.
+    for _ in 0..600 {
+        host.send_bytes(&written(Request::Counters));
+        host.send_int(command::STATUS, 1);
+    }
+    host.run_ms(10_000);
+    let packets = host.received();
+    let longest_gap = |id| {
+        let times: Vec<_> = packets.iter().filter(|p| p.id == id).map(|p| p.at).collect();
+        assert!(times.len() > 40, "{} packets {id}", times.len());
+        times.windows(2).map(|pair| (pair[1] - pair[0]).as_millis()).max().unwrap()
+    };
+    assert!(longest_gap(ArmStatus::ID) <= 250 && longest_gap(99) <= 300);
+    assert!(longest_gap(Standard::ID) <= 250);
+    let link = host.link();
+    assert!(link.answers_dropped > 0 && link.refused == 0);
+}
