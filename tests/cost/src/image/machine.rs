@@ -12,7 +12,9 @@ use critical_section::{CriticalSection, Mutex};
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 
-use crate::live;
+use crate::latency::{on_bell, on_byte};
+use crate::span::ALARM;
+use crate::{on_control, on_link};
 
 /// The timers' registers CTRL, VALUE, RELOAD, INTSTATUS.
 const TIMER_0: *mut u32 = 0x4000_0000 as *mut u32;
@@ -58,10 +60,10 @@ static VECTORS: [Vector; 15 + 32] = {
     let mut vectors: [Vector; 15 + 32] = [unexpected; 15 + 32];
     vectors[0] = reset;
     vectors[15 + Interrupt::Alarm as usize] = alarm;
-    vectors[15 + Interrupt::Control as usize] = live::on_control;
-    vectors[15 + Interrupt::Link as usize] = live::on_link;
-    vectors[15 + Interrupt::Bell as usize] = live::on_bell;
-    vectors[15 + Interrupt::Byte as usize] = live::on_byte;
+    vectors[15 + Interrupt::Control as usize] = on_control;
+    vectors[15 + Interrupt::Link as usize] = on_link;
+    vectors[15 + Interrupt::Bell as usize] = on_bell;
+    vectors[15 + Interrupt::Byte as usize] = on_byte;
     vectors
 };
 
@@ -149,9 +151,9 @@ impl Clock {
 }
 
 unsafe extern "C" fn alarm() {
-    live::ALARM.begin();
+    ALARM.begin();
     // SAFETY: as above.
     unsafe { TIMER_1.add(INTSTATUS).write_volatile(1) };
     critical_section::with(|cs| CLOCK.arm(cs));
-    live::ALARM.end();
+    ALARM.end();
 }

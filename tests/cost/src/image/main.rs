@@ -7,8 +7,11 @@
 #![no_std]
 #![no_main]
 
+mod latency;
+mod line;
 mod live;
 mod machine;
+mod span;
 
 use core::hint::black_box;
 use core::panic::PanicInfo;
@@ -16,6 +19,8 @@ use core::panic::PanicInfo;
 use cortex_m_semihosting::debug::{self, EXIT_FAILURE, EXIT_SUCCESS};
 use cortex_m_semihosting::hprintln;
 use cost::Meter;
+use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken};
+use machine::Interrupt;
 
 /// Calls in a batch.
 const CALLS: u32 = 1000;
@@ -48,10 +53,29 @@ fn ticks(work: &mut impl FnMut()) -> u32 {
     machine::ticks().wrapping_sub(start)
 }
 
+static CONTROL: InterruptExecutor = InterruptExecutor::new();
+static LINK: InterruptExecutor = InterruptExecutor::new();
+
+unsafe extern "C" fn on_control() {
+    // SAFETY: this is the interrupt that CONTROL was started with.
+    unsafe { CONTROL.on_interrupt() }
+}
+
+unsafe extern "C" fn on_link() {
+    // SAFETY: this is the interrupt that LINK was started with.
+    unsafe { LINK.on_interrupt() }
+}
+
+fn token<S>(token: Result<SpawnToken<S>, SpawnError>) -> SpawnToken<S> {
+    token.unwrap_or_else(|_| panic!("a task is spawned twice"))
+}
+
 #[inline(never)] // the FPU is off before
 fn main() -> ! {
     cost::all(&mut Counter::new());
-    live::cases();
+    let (control, link) = (CONTROL.start(Interrupt::Control), LINK.start(Interrupt::Link));
+    latency::cases(link);
+    live::cases(control, link);
     leave(EXIT_SUCCESS)
 }
 
