@@ -78,8 +78,9 @@ pub struct MotorOutput {
 }
 
 /// Everything the controller drives. The default is the safe state: bridges neutral and disabled,
-/// servos without pulses, outputs low.
+/// servos without pulses, outputs low. Aligned, and so copied word by word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(align(4))]
 pub struct Outputs {
     /// DC channels 0 to 5.
     pub motors: [MotorOutput; CHANNELS],
