@@ -281,6 +281,7 @@ impl Controller {
 
     fn drive(&mut self, motion: &MotionInputs, blocked: bool) -> Outputs {
         let mut outputs = Outputs { gpio: self.gpio, ..Outputs::default() };
+        let latched = self.faults.latched();
         for channel in Channel::ALL {
             let i = channel.index();
             let mut limits = Limits::FULL;
@@ -295,18 +296,15 @@ impl Controller {
             channel::hold_within(&self.settings.soft_limits[i], reading, sensor, &mut limits);
             self.monitors[i].limit(&mut limits);
             let output = self.axes[i].step(reading, &limits);
-            outputs.motors[i] = self.watch(channel, output, reading, motion);
-            outputs.servos[i] = self.servos[i].step();
-        }
-        // Whatever they are about: what is latched is off.
-        let latched = self.faults.latched();
-        for channel in Channel::ALL {
+            // Whatever channel and servo are about: what is latched is off.
             if latched.stops_motor(channel) {
-                outputs.motors[channel.index()] = MotorOutput::default();
+                self.monitors[i] = ChannelMonitor::default();
+            } else {
+                outputs.motors[i] = self.watch(channel, output, reading, motion);
             }
-        }
-        if latched.stops_servos() {
-            outputs.servos = [None; CHANNELS];
+            if !latched.stops_servos() {
+                outputs.servos[i] = self.servos[i].step();
+            }
         }
         outputs
     }

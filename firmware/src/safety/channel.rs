@@ -61,10 +61,10 @@ pub struct ChannelMonitor {
     astray: u16,
     /// Which way the loop last pushed, and for how long it still hunts.
     pushed_forward: Option<bool>,
-    hunts: u16,
+    hunts: u8,
     /// The last position that the one before can have led to, and the periods since.
     plausible: Counts,
-    jumped: u16,
+    jumped: u8,
 }
 
 impl ChannelMonitor {
@@ -126,7 +126,7 @@ impl ChannelMonitor {
         let position = now.reading.position;
         let known = self.found.is_some();
         let way = scale(now.sensor).difference(position, self.plausible).saturating_abs();
-        let jump = Counts::saturating_from_num(settings.jump);
+        let jump = Counts::from(settings.jump);
         if known && now.sensor != Sensor::Encoder && settings.jump > 0 && way >= jump {
             self.jumped = self.jumped.saturating_add(1);
         } else {
@@ -139,7 +139,9 @@ impl ChannelMonitor {
     fn stand_still(&mut self, now: &Observed, is_driven: bool, settings: &ChannelFaultSettings) {
         let position = now.reading.position;
         let found = *self.found.get_or_insert(position);
-        if scale(now.sensor).difference(position, found).saturating_abs() > settings.still {
+        if scale(now.sensor).difference(position, found).saturating_abs()
+            > Counts::from(settings.still)
+        {
             self.found = Some(position);
             (self.stalled, self.silent) = (0, 0);
         } else if is_driven || now.turns_elsewhere {
@@ -159,12 +161,12 @@ impl ChannelMonitor {
     }
 
     fn is_astray(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> bool {
-        let most = Counts::saturating_from_num(match now.method {
+        let most = Counts::from(match now.method {
             Method::Position => settings.tracking_position,
             Method::Velocity | Method::Pwm => settings.tracking_velocity,
         });
         let velocity = now.reading.velocity;
-        let away = CountsPerSecond::saturating_from_num(settings.away);
+        let away = CountsPerSecond::from(settings.away);
         let is_away = (now.error > most && velocity < away.saturating_neg())
             || (now.error < most.saturating_neg() && velocity > away);
         self.hunts = self.hunts.saturating_sub(1);
@@ -193,7 +195,7 @@ fn reached(count: u16, setting: u16) -> bool {
 /// Whether the one potentiometer of a channel is at an end of its track, or its wire is off.
 fn is_at_rail(now: &Observed, settings: &ChannelFaultSettings) -> bool {
     let position = now.reading.position;
-    let rail = Counts::saturating_from_num(settings.rail);
+    let rail = Counts::from(settings.rail);
     now.sensor == Sensor::SinglePotentiometer
         && (position <= rail || position >= LAST_COUNT.saturating_sub(rail))
 }

@@ -117,10 +117,10 @@ pub struct ChannelFaultSettings {
     /// How long a driven shaft may move away from where it is to be; 0 for ever. Default 1500.
     pub tracking_ms: u16,
     /// How long a jump must last: one bad reading is no lost sensor. Default 20.
-    pub jump_ms: u16,
+    pub jump_ms: u8,
     /// A loop hunts for so long after it has reversed its drive. Default 100: one that goes on a
     /// move does so once or twice; more than seven times a second add up.
-    pub hunt_ms: u16,
+    pub hunt_ms: u8,
     /// A shaft that stays within so many counts stands still. Default 8: less is noise of a
     /// converter, or of an encoder that stands on an edge.
     pub still: u16,

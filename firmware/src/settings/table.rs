@@ -163,10 +163,10 @@ settings! {
         |s, _| s.control.channel_faults.tracking_ms.into(), |s, _, v| s.control.channel_faults.tracking_ms = v as u16;
     59, "jump time", Milliseconds, 1, 200, 20,
         "fault 4: how long a jump must last; one bad reading is no lost sensor",
-        |s, _| s.control.channel_faults.jump_ms.into(), |s, _, v| s.control.channel_faults.jump_ms = v as u16;
-    60, "hunt time", Milliseconds, 0, 1000, 100,
+        |s, _| s.control.channel_faults.jump_ms.into(), |s, _, v| s.control.channel_faults.jump_ms = v as u8;
+    60, "hunt time", Milliseconds, 0, 250, 100,
         "fault 3: a loop hunts for so long after it has reversed its drive; 0 never does",
-        |s, _| s.control.channel_faults.hunt_ms.into(), |s, _, v| s.control.channel_faults.hunt_ms = v as u16;
+        |s, _| s.control.channel_faults.hunt_ms.into(), |s, _, v| s.control.channel_faults.hunt_ms = v as u8;
     61, "still", Counts, 0, 4095, 8,
         "faults 2, 4: a shaft that stays so near stands still",
         |s, _| s.control.channel_faults.still.into(), |s, _, v| s.control.channel_faults.still = v as u16;
