@@ -5,7 +5,8 @@ use std::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use firmware::controller::Snapshot;
-use firmware::personality::pms5005::{Boot, Pms5005};
+use firmware::personality::Boot;
+use firmware::personality::pms5005::Pms5005;
 use firmware::personality::{MAX_FRAME, Session};
 use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;

@@ -23,8 +23,7 @@ use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Refusal, Repeat, Report, Reports,
 };
 
-pub use super::extension::Boot;
-use super::extension::{Extension, Owed};
+use super::extension::{Boot, Extension, Owed};
 use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused};
 use crate::command::{Command, Configuration};
 use crate::controller::Snapshot;
