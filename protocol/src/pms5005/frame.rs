@@ -146,7 +146,8 @@ mod tests {
     fn the_acknowledgement_of_section_iii_has_checksum_72() {
         let mut out = [0; 10];
         let ack = Frame { rid: 0, res: 0, did: 255, data: &[1] }.encode(&mut out);
-        assert_eq!(ack.unwrap(), &[94, 2, 0, 0, 255, 1, 1, 72, 94, 13]);
+        assert_eq!(ack.unwrap(), [94, 2, 0, 0, 255, 1, 1, 72, 94, 13]);
+        assert_eq!(out, crate::pms5005::ACK);
     }
 
     #[test]

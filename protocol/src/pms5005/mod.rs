@@ -85,8 +85,9 @@ pub mod did {
     pub const SETUP: u8 = 255;
 }
 
-/// The acknowledgement of section III: RID 0, RES 0, DID 255, data 1.
-pub const ACK: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[1] };
+/// The acknowledgement of section III, as it stands on the wire: RID 0, RES 0, DID 255, data 1, and
+/// the checksum that is printed there.
+pub const ACK: [u8; 10] = [STX[0], STX[1], RID_HOST, 0, did::SETUP, 1, 1, 72, ETX[0], ETX[1]];
 
 /// "PMS5005 ping PC periodically" (Table II.1): RID 0, RES 0, DID 255, data 0.
 pub const PING: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[0] };
