@@ -9,7 +9,8 @@
 //! Promises:
 //! - The frames found do not depend on how the stream was cut into chunks.
 //! - Every byte is accounted for: it was part of a frame, was skipped and counted, or is pending.
-//! - Work is done on slices: a byte is copied once, and judged with its whole frame.
+//! - Work is done on slices: a frame that lies in one chunk is judged and handed out where it lies,
+//!   any other is copied once. A byte with which nothing can be decided yet is copied and no more.
 //!
 //! A candidate that noise has made (`5E 02` with a large length, say) holds up what follows until
 //! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
@@ -47,20 +48,30 @@ pub struct Reception {
 /// A receiver for frames of at most `N` bytes. See the [module](self) for what it promises.
 pub struct Deframer<F, const N: usize> {
     buffer: [u8; N],
-    /// Bytes held, from the front of the buffer.
+    /// Bytes held, from the front of the buffer, or behind the frame that was handed out.
     held: usize,
-    /// No decision is possible before this many bytes are held.
+    /// With fewer bytes than this there is nothing to decide. 1 when none are held, or some that
+    /// have not been looked at.
     needed: usize,
-    /// Length of the frame last handed out; it leaves the buffer at the next call.
+    /// Length of the frame handed out last, if it lies in the buffer; it leaves at the next call.
     handed_out: usize,
     reception: Reception,
     framing: PhantomData<F>,
 }
 
+/// Where a frame lies that [`Deframer::find`] has found.
+#[derive(Clone, Copy)]
+pub enum Found<'b> {
+    /// As a whole in the chunk that it was given.
+    InChunk(&'b [u8]),
+    /// In its own buffer.
+    Held,
+}
+
 /// What can be said of bytes from the first one on.
-enum Verdict {
-    /// They are a frame of this length.
-    Frame(usize),
+enum Verdict<'b> {
+    /// They are a frame, and what is behind it.
+    Frame(&'b [u8], &'b [u8]),
     /// Nothing before this many bytes are there.
     Needs(usize),
     /// Not the beginning of a frame: noise.
@@ -76,7 +87,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         Self {
             buffer: [0; N],
             held: 0,
-            needed: 2,
+            needed: 1,
             handed_out: 0,
             reception: Reception { frames_ok: 0, bad_frames: 0, bytes_skipped: 0 },
             framing: PhantomData,
@@ -90,32 +101,43 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
 
     /// How many bytes wait for the rest of their frame.
     pub fn pending(&self) -> usize {
-        self.held.saturating_sub(self.handed_out)
-    }
-
-    /// The frame that was handed out last, until the next call that receives or gives up.
-    pub fn frame(&self) -> Option<&[u8]> {
-        self.buffer.get(..self.handed_out).filter(|frame| !frame.is_empty())
+        self.held
     }
 
     /// Takes bytes from the front of `bytes` until a frame is complete or `bytes` is empty.
     ///
-    /// Call it until it answers `None`; the frame handed out is valid until the next call.
+    /// Call it until it answers `None`; the frame handed out is valid until the next call. It is
+    /// not copied when it lies in `bytes` as a whole.
     #[inline]
-    pub fn receive(&mut self, bytes: &mut &[u8]) -> Option<&[u8]> {
-        self.release();
-        while !bytes.is_empty() || self.held >= self.needed {
-            let found = if self.held == 0 {
-                self.search(bytes)
-            } else {
-                self.take(bytes);
-                if self.held < self.needed { None } else { self.decide(false) }
-            };
-            if let Some(length) = found {
-                return self.hand_out(length);
-            }
+    pub fn receive<'r, 'b: 'r>(&'r mut self, bytes: &mut &'b [u8]) -> Option<&'r [u8]> {
+        let found = self.find(bytes)?;
+        Some(self.frame(found))
+    }
+
+    /// [`receive`](Self::receive) for those who have more to ask of the receiver before they look
+    /// at the [`frame`](Self::frame).
+    #[inline]
+    pub fn find<'b>(&mut self, bytes: &mut &'b [u8]) -> Option<Found<'b>> {
+        // The frequent case is short, and stands where it is needed.
+        if let Some(end) = self.held.checked_add(bytes.len())
+            && end < self.needed
+            && let Some(room) = self.buffer.get_mut(self.held..end)
+        {
+            copy(bytes, room);
+            self.held = end;
+            *bytes = &[];
+            return None;
         }
-        None
+        self.look(bytes)
+    }
+
+    /// The frame that was found last.
+    #[inline]
+    pub fn frame<'r>(&'r self, found: Found<'r>) -> &'r [u8] {
+        match found {
+            Found::InChunk(frame) => frame,
+            Found::Held => self.buffer.get(..self.handed_out).unwrap_or_default(),
+        }
     }
 
     /// Gives up waiting for the rest of the candidate at the front: the line has been silent for
@@ -123,44 +145,58 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     ///
     /// Call it until it answers `None`; then nothing is pending.
     pub fn give_up(&mut self) -> Option<&[u8]> {
+        self.find_held().then(|| self.frame(Found::Held))
+    }
+
+    /// [`give_up`](Self::give_up) as [`find`](Self::find) is to [`receive`](Self::receive).
+    pub fn find_held(&mut self) -> bool {
         self.release();
-        let length = self.decide(true)?;
-        self.hand_out(length)
+        self.decide(0, true)
     }
 
     /// Rejects the candidate at the front, which has waited for its bytes too long on a line that
-    /// is not silent. What is held behind it is judged at the next [`receive`](Self::receive).
-    pub fn give_up_front(&mut self) {
+    /// is not silent, and answers whether a frame is found behind it.
+    pub fn give_up_front(&mut self) -> bool {
         self.release();
-        if self.held > 0 {
-            self.count_rejected(self.held);
-            self.skip_to(self.next_candidate(0));
+        self.count_rejected(self.held);
+        self.decide(self.next_candidate(0), false)
+    }
+
+    /// Takes bytes when there is something to decide.
+    #[inline]
+    fn look<'b>(&mut self, bytes: &mut &'b [u8]) -> Option<Found<'b>> {
+        loop {
+            if self.held == 0 {
+                return self.search(bytes).map(Found::InChunk);
+            }
+            let mut rest = *bytes;
+            let is_found = self.complete(&mut rest);
+            *bytes = rest;
+            if is_found {
+                return Some(Found::Held);
+            }
+            if bytes.is_empty() {
+                return None;
+            }
         }
     }
 
-    /// Lets go of the frame that was handed out last.
+    /// Looks for a frame where the bytes lie, nothing being held. Takes it and all before it; or
+    /// all bytes, and holds those of a candidate that is incomplete at their end.
     #[inline]
-    fn release(&mut self) {
-        if self.handed_out > 0 {
-            self.drop_front(self.handed_out);
-            self.handed_out = 0;
-        }
-    }
-
-    /// Looks for a frame where the bytes lie, nothing being held, and takes the first one (its
-    /// length), or else the candidate that is incomplete at their end (`None`).
-    #[inline]
-    fn search(&mut self, bytes: &mut &[u8]) -> Option<usize> {
+    fn search<'b>(&mut self, bytes: &mut &'b [u8]) -> Option<&'b [u8]> {
         while !bytes.is_empty() {
             match Self::judge(bytes) {
-                Verdict::Frame(length) => {
-                    self.needed = length;
-                    self.take(bytes);
-                    return Some(length);
+                Verdict::Frame(frame, behind) => {
+                    *bytes = behind;
+                    self.count_frame();
+                    return Some(frame);
                 }
                 Verdict::Needs(count) => {
+                    self.handed_out = 0;
                     self.needed = count;
-                    self.take(bytes);
+                    self.hold(bytes);
+                    *bytes = &[];
                 }
                 Verdict::Noise => self.pass_over(bytes),
                 Verdict::Rejected => {
@@ -172,40 +208,75 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         None
     }
 
+    /// Takes as many bytes as the next decision needs about what is held, and decides: whether a
+    /// frame is found.
+    #[inline(never)]
+    fn complete(&mut self, bytes: &mut &[u8]) -> bool {
+        self.release();
+        let missing = self.needed.saturating_sub(self.held);
+        let Some((taken, rest)) = bytes.split_at_checked(missing) else {
+            self.hold(bytes);
+            *bytes = &[];
+            return false;
+        };
+        self.hold(taken);
+        *bytes = rest;
+        let held = self.buffer.get(..self.held).unwrap_or_default();
+        match Self::judge(held) {
+            Verdict::Frame(frame, _) => {
+                self.hand_out(frame.len());
+                return true;
+            }
+            Verdict::Needs(count) => {
+                self.needed = count;
+                return false;
+            }
+            Verdict::Noise => {}
+            Verdict::Rejected => self.count_bad_frame(),
+        }
+        self.decide(self.next_candidate(0), false)
+    }
+
+    /// Puts a chunk behind what is held; there is room, as no frame is longer than the buffer.
+    #[inline]
+    fn hold(&mut self, chunk: &[u8]) {
+        let room = self.buffer.get_mut(self.held..).unwrap_or_default();
+        if let Some(room) = room.get_mut(..chunk.len()) {
+            copy(chunk, room);
+            self.held = self.held.saturating_add(chunk.len());
+        }
+    }
+
+    /// Lets go of the frame that was handed out last.
+    #[inline]
+    fn release(&mut self) {
+        if self.handed_out > 0 {
+            self.close_up(self.handed_out);
+            self.handed_out = 0;
+        }
+    }
+
     /// Passes over the front byte and all behind it up to the next that a frame could begin with.
     fn pass_over(&mut self, bytes: &mut &[u8]) {
         let rest = bytes.get(1..).unwrap_or_default();
-        let noise = find(F::START[0], rest);
+        let noise = place_of(F::START[0], rest);
         self.skipped(noise.saturating_add(1));
         *bytes = rest.get(noise..).unwrap_or_default();
     }
 
-    /// Moves as many bytes as the next decision needs from `bytes` into the buffer.
-    #[inline]
-    fn take(&mut self, bytes: &mut &[u8]) {
-        let wanted = self.needed.saturating_sub(self.held).min(bytes.len());
-        let free = self.buffer.get_mut(self.held..).unwrap_or_default();
-        if let Some((taken, rest)) = bytes.split_at_checked(wanted)
-            && let Some(free) = free.get_mut(..wanted)
-        {
-            free.copy_from_slice(taken);
-            self.held = self.held.saturating_add(wanted);
-            *bytes = rest;
-        }
-    }
-
-    /// Judges candidates until one is a frame (its length) or more bytes are needed (`None`).
-    /// With `silent`, a candidate that needs more bytes is rejected.
+    /// Judges candidates from this place on until one is a frame, or more bytes are needed: whether
+    /// a frame is found. With `silent`, a candidate that needs more bytes is rejected.
     ///
     /// What is held moves once, however many are rejected: a false start may hold one at every byte.
-    fn decide(&mut self, silent: bool) -> Option<usize> {
-        let (mut front, mut found, mut needed) = (0_usize, None, F::START.len());
+    #[cold]
+    fn decide(&mut self, mut front: usize, silent: bool) -> bool {
+        let (mut found, mut needed) = (0, 1);
         while front < self.held {
             let rest = self.buffer.get(front..self.held).unwrap_or_default();
-            let (verdict, length) = (Self::judge(rest), rest.len());
-            match verdict {
-                Verdict::Frame(length) => {
-                    found = Some(length);
+            let length = rest.len();
+            match Self::judge(rest) {
+                Verdict::Frame(frame, _) => {
+                    found = frame.len();
                     break;
                 }
                 Verdict::Needs(count) if !silent => {
@@ -217,32 +288,49 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
             }
             front = self.next_candidate(front);
         }
-        if front > 0 {
-            self.skip_to(front);
-        }
+        self.skip_to(front);
         self.needed = needed;
-        found
+        if found > 0 {
+            self.hand_out(found);
+        }
+        found > 0
+    }
+
+    /// Hands out the frame that the bytes held begin with.
+    #[inline]
+    fn hand_out(&mut self, length: usize) {
+        self.handed_out = length;
+        self.held = self.held.saturating_sub(length);
+        self.needed = 1;
+        self.count_frame();
     }
 
     #[inline]
-    fn judge(bytes: &[u8]) -> Verdict {
-        if !begins_like(F::START, bytes) {
+    fn judge(bytes: &[u8]) -> Verdict<'_> {
+        let Some(header) = bytes.get(..F::HEADER) else {
+            return match bytes {
+                _ if !begins_like(F::START, bytes) => Verdict::Noise,
+                [_] => Verdict::Needs(F::START.len()),
+                _ => Verdict::Needs(F::HEADER),
+            };
+        };
+        if !header.starts_with(&F::START) {
             return Verdict::Noise;
         }
-        if bytes.len() < F::START.len() {
-            return Verdict::Needs(F::START.len());
-        }
-        if bytes.len() < F::HEADER {
-            return Verdict::Needs(F::HEADER);
-        }
-        match F::length(bytes) {
-            Some(length) if length <= N && length >= F::HEADER => match bytes.get(..length) {
-                None => Verdict::Needs(length),
-                Some(candidate) if F::is_intact(candidate) => Verdict::Frame(length),
-                Some(_) => Verdict::Rejected,
-            },
+        match F::length(header) {
+            Some(length) if length <= N && length >= F::HEADER => {
+                match bytes.split_at_checked(length) {
+                    None => Verdict::Needs(length),
+                    Some((frame, behind)) if F::is_intact(frame) => Verdict::Frame(frame, behind),
+                    Some(_) => Verdict::Rejected,
+                }
+            }
             _ => Verdict::Rejected,
         }
+    }
+
+    fn count_frame(&mut self) {
+        self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
     }
 
     /// A candidate of so many bytes counts as a bad frame if its header was there.
@@ -257,7 +345,6 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     }
 
     /// The next place behind `front` that begins like a frame, or where the bytes held end.
-    #[cold]
     fn next_candidate(&self, front: usize) -> usize {
         let held = self.buffer.get(..self.held).unwrap_or_default();
         (front.saturating_add(1)..held.len())
@@ -265,30 +352,21 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
             .unwrap_or(held.len())
     }
 
-    /// Drops what is in front of this place.
-    #[cold]
+    /// Drops what is held in front of this place.
     fn skip_to(&mut self, place: usize) {
         self.skipped(place);
-        self.drop_front(place);
+        self.held = self.held.saturating_sub(place);
+        self.close_up(place);
     }
 
-    fn drop_front(&mut self, count: usize) {
-        if let Some(rest) = self.held.checked_sub(count) {
-            // Rarely any: not worth the kilobyte of `copy_within`.
-            let bytes = Cell::from_mut(self.buffer.as_mut_slice()).as_slice_of_cells();
-            for (to, from) in bytes.iter().zip(bytes.iter().skip(count)).take(rest) {
-                to.set(from.get());
-            }
-            self.held = rest;
-            // What is left is judged from its beginning.
-            self.needed = F::START.len();
+    /// Moves what is held from this place to the front.
+    #[inline]
+    fn close_up(&mut self, place: usize) {
+        // Rarely any: not worth the kilobyte of `copy_within`.
+        let bytes = Cell::from_mut(self.buffer.as_mut_slice()).as_slice_of_cells();
+        for (to, from) in bytes.iter().zip(bytes.iter().skip(place)).take(self.held) {
+            to.set(from.get());
         }
-    }
-
-    fn hand_out(&mut self, length: usize) -> Option<&[u8]> {
-        self.handed_out = length;
-        self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
-        self.frame()
     }
 
     fn skipped(&mut self, count: usize) {
@@ -312,7 +390,48 @@ fn begins_like(start: [u8; 2], bytes: &[u8]) -> bool {
     }
 }
 
+/// Copies a chunk to a place of the same length. Most are short, and all are unaligned: `memcpy`
+/// takes 5 to 10 instructions a word, and more to tell cases apart. Here it is two loads and stores
+/// that may overlap, for longer ones in pieces of 16 bytes.
+#[inline]
+fn copy(chunk: &[u8], to: &mut [u8]) {
+    let length = chunk.len();
+    if length == 1 {
+        copy_ends::<1>(chunk, to);
+    } else if length < 4 {
+        copy_ends::<2>(chunk, to);
+    } else if length < 8 {
+        copy_ends::<4>(chunk, to);
+    } else if length <= 16 {
+        copy_ends::<8>(chunk, to);
+    } else {
+        copy_pieces(chunk, to);
+    }
+}
+
+/// Copies 16 bytes and more.
+#[inline(never)]
+fn copy_pieces(chunk: &[u8], to: &mut [u8]) {
+    for (piece, place) in chunk.as_chunks::<16>().0.iter().zip(to.as_chunks_mut::<16>().0) {
+        copy_ends::<8>(piece, place);
+    }
+    if let (Some(last), Some(place)) = (chunk.last_chunk::<16>(), to.last_chunk_mut::<16>()) {
+        copy_ends::<8>(last, place);
+    }
+}
+
+/// Copies the first and the last `K` bytes.
+#[inline]
+fn copy_ends<const K: usize>(from: &[u8], to: &mut [u8]) {
+    if let (Some(first), Some(to)) = (from.first_chunk::<K>(), to.first_chunk_mut()) {
+        *to = *first;
+    }
+    if let (Some(last), Some(to)) = (from.last_chunk::<K>(), to.last_chunk_mut()) {
+        *to = *last;
+    }
+}
+
 /// Where `byte` first stands in `bytes`, or how many bytes there are when it is not among them.
-fn find(byte: u8, bytes: &[u8]) -> usize {
+fn place_of(byte: u8, bytes: &[u8]) -> usize {
     bytes.iter().position(|&b| b == byte).unwrap_or(bytes.len())
 }

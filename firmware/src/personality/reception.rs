@@ -6,7 +6,7 @@
 //! candidate that had its time is rejected.
 
 use embassy_time::{Duration, Instant};
-use protocol::deframe::{Deframer, Framing, Reception};
+use protocol::deframe::{Deframer, Found, Framing, Reception};
 
 /// How long a frame's bytes may pause.
 pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
@@ -43,39 +43,52 @@ impl<F: Framing, const N: usize> TimedReceiver<F, N> {
     /// up on what has had its time.
     ///
     /// Call it until it answers `None`; the frame handed out is valid until the next call.
-    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<&[u8]> {
+    pub fn receive<'r, 'b: 'r>(
+        &'r mut self,
+        bytes: &mut &'b [u8],
+        now: Instant,
+    ) -> Option<&'r [u8]> {
         let anything_new = !bytes.is_empty();
         let skipped = self.reception().bytes_skipped;
-        if self.deframer.receive(bytes).is_some() {
+        if let Some(found) = self.deframer.find(bytes) {
             if anything_new {
                 self.candidate = None;
             }
-            return self.deframer.frame();
+            return Some(self.deframer.frame(found));
+        }
+        if self.deframer.pending() == 0 {
+            self.candidate = None;
+            return None;
         }
         // Bytes skipped: what is pending now is another candidate than before.
         let another = self.reception().bytes_skipped != skipped;
-        self.candidate = match self.candidate {
-            Some((first, _)) if anything_new && !another => Some((first, now)),
-            Some(candidate) if !anything_new => Some(candidate),
-            _ => Some((now, now)),
+        let (first, last) = match self.candidate {
+            Some((first, _)) if anything_new && !another => (first, now),
+            Some(candidate) if !anything_new => candidate,
+            _ => (now, now),
         };
+        self.candidate = Some((first, last));
+        self.give_up_in_time(first, last, now).then(|| self.deframer.frame(Found::Held))
+    }
+
+    /// Gives up on what has had its time: whether a frame was behind it.
+    fn give_up_in_time(&mut self, mut first: Instant, last: Instant, now: Instant) -> bool {
         while self.deframer.pending() > 0 {
-            let (first, last) = self.candidate?;
-            let found = if now >= last.saturating_add(LONGEST_PAUSE) {
-                self.deframer.give_up()
+            let is_found = if now >= last.saturating_add(LONGEST_PAUSE) {
+                self.deframer.find_held()
             } else if now >= first.saturating_add(LONGEST_FRAME) {
+                first = now;
                 self.candidate = Some((now, last));
-                self.deframer.give_up_front();
-                self.deframer.receive(&mut &[][..])
+                self.deframer.give_up_front()
             } else {
-                return None;
+                return false;
             };
-            if found.is_some() {
-                return self.deframer.frame();
+            if is_found {
+                return true;
             }
         }
         self.candidate = None;
-        None
+        false
     }
 }
 

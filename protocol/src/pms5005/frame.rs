@@ -3,8 +3,7 @@
 //! There is no byte stuffing: DATA may hold both marks, so the length rules, never a search for
 //! the end mark. [`Receiver`] finds frames in a stream; [`Frame`] is one of them, taken apart.
 
-use crc::{CRC_8_MAXIM_DOW, Crc, Table};
-
+use super::checksum::checksum;
 use crate::deframe::{Deframer, Framing};
 
 /// Start of transmission (section II.1).
@@ -36,11 +35,6 @@ pub const RID_PMS5005: u8 = 1;
 /// The RES value that asks for no acknowledgement (section III), and that telemetry carries.
 pub const RES_NO_ACK: u8 = 255;
 
-/// The checksum of Figure II.1 (reflected polynomial 0x8C, initial value 0) over RID..DATA.
-///
-/// The 256-byte table is the trade between the manual's bit loop and a 4 KiB table.
-const CRC: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&CRC_8_MAXIM_DOW);
-
 /// The receiver's view of the frame.
 pub enum Pms5005 {}
 
@@ -54,11 +48,9 @@ impl Framing for Pms5005 {
     }
 
     fn is_intact(candidate: &[u8]) -> bool {
-        candidate
-            .strip_prefix(&STX)
-            .and_then(|rest| rest.strip_suffix(&ETX))
-            .and_then(<[u8]>::split_last)
-            .is_some_and(|(crc, body)| CRC.checksum(body) == *crc)
+        candidate.split_last_chunk::<3>().is_some_and(|(body, [crc, end @ ..])| {
+            *end == ETX && checksum(body.get(RID..).unwrap_or_default()) == *crc
+        })
     }
 }
 
@@ -141,7 +133,7 @@ impl<'a> Frame<'a> {
 /// Writes checksum and end mark over the last three bytes of a frame.
 pub(super) fn seal(frame: &mut [u8]) {
     if let Some((body, tail)) = frame.split_last_chunk_mut::<3>() {
-        let crc = CRC.checksum(body.get(STX.len()..).unwrap_or_default());
+        let crc = checksum(body.get(STX.len()..).unwrap_or_default());
         *tail = [crc, ETX[0], ETX[1]];
     }
 }
@@ -150,29 +142,12 @@ pub(super) fn seal(frame: &mut [u8]) {
 mod tests {
     use super::*;
 
-    /// The C code of Figure II.1, transcribed.
-    fn figure_ii_1(bytes: &[u8]) -> u8 {
-        bytes.iter().fold(0, |register, &byte| {
-            (0..8).fold(register, |register, bit| {
-                let feedback = (register ^ (byte >> bit)) & 1;
-                (register >> 1) ^ (feedback * 0x8C)
-            })
-        })
-    }
-
-    #[test]
-    fn the_checksum_is_that_of_figure_ii_1() {
-        let bytes: Vec<u8> = (0..=255).collect();
-        for start in 0..256 {
-            assert_eq!(CRC.checksum(&bytes[start..]), figure_ii_1(&bytes[start..]));
-        }
-    }
-
     #[test]
     fn the_acknowledgement_of_section_iii_has_checksum_72() {
         let mut out = [0; 10];
         let ack = Frame { rid: 0, res: 0, did: 255, data: &[1] }.encode(&mut out);
-        assert_eq!(ack.unwrap(), &[94, 2, 0, 0, 255, 1, 1, 72, 94, 13]);
+        assert_eq!(ack.unwrap(), [94, 2, 0, 0, 255, 1, 1, 72, 94, 13]);
+        assert_eq!(out, crate::pms5005::ACK);
     }
 
     #[test]

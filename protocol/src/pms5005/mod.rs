@@ -29,6 +29,7 @@
 //! | silence | The board sends telemetry or a ping (255, data 0) at least once a second. |
 //! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
 
+mod checksum;
 mod command;
 pub mod extension;
 mod frame;
@@ -36,6 +37,7 @@ mod motion;
 mod parameter;
 mod report;
 
+pub use checksum::checksum;
 pub use command::{CHANNELS, Channel, Command, LcdFrame, Refusal, Repeat, Reports, Scope};
 pub use frame::{
     Data, ETX, EncodeError, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, RES_NO_ACK, RID_HOST,
@@ -83,8 +85,9 @@ pub mod did {
     pub const SETUP: u8 = 255;
 }
 
-/// The acknowledgement of section III: RID 0, RES 0, DID 255, data 1.
-pub const ACK: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[1] };
+/// The acknowledgement of section III, as it stands on the wire: RID 0, RES 0, DID 255, data 1, and
+/// the checksum that is printed there.
+pub const ACK: [u8; 10] = [STX[0], STX[1], RID_HOST, 0, did::SETUP, 1, 1, 72, ETX[0], ETX[1]];
 
 /// "PMS5005 ping PC periodically" (Table II.1): RID 0, RES 0, DID 255, data 0.
 pub const PING: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[0] };

@@ -180,7 +180,7 @@ impl Session for Pms5005 {
         let due = self.answers.next(now)?;
         let extension = &self.answers.extension;
         let frame = match due {
-            Due::Ack => ACK.encode(out),
+            Due::Ack => return Some(&ACK),
             Due::Ping => PING.encode(out),
             Due::Stream(Topic::Telemetry(reports)) => report(reports, &snapshot()).encode(out),
             Due::Stream(Topic::Health) => extension.health(now, &snapshot()).encode(out),
@@ -339,6 +339,9 @@ impl Answers {
         }
     }
 
+    /// Does what a command asks of the session. Apart: an acknowledgement must not wait for what
+    /// only commands need.
+    #[inline(never)]
     fn carry_out(&mut self, command: wire::Command<'_>, now: Instant) -> Option<Request> {
         let control = |command| Some(Request::Control(command));
         match command {

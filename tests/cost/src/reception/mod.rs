@@ -11,7 +11,7 @@ use core::hint::black_box;
 use crc::{CRC_8_MAXIM_DOW, Crc, NoTable, Table};
 use protocol::arcos;
 use protocol::dynamixel::{Id, Packet, StatusReceiver};
-use protocol::pms5005::{Frame, Receiver, STX};
+use protocol::pms5005::{Frame, Receiver, STX, checksum};
 
 use crate::Meter;
 
@@ -75,6 +75,7 @@ pub fn cases(meter: &mut impl Meter) {
     case(meter, "receive-74-whole/machine-inlined", long, usize::MAX, peers::Inlined::default());
     case(meter, "receive-74-by-7/machine-inlined", long, 7, peers::Inlined::default());
     case(meter, "receive-74-by-1/machine-inlined", long, 1, peers::Inlined::default());
+    case(meter, "receive-74-by-1/append-alone", long, 1, peers::Append::new(long.len()));
     case(meter, "receive-74-whole/scan", long, usize::MAX, peers::Scan);
     let mut cobs = [0; 2 * LONGEST];
     let long = peers::cobs(&LONG, &mut cobs);
@@ -189,12 +190,24 @@ fn checksums(meter: &mut impl Meter) {
         (
             23,
             &LONG[..],
-            ["crc-74/crc-table-1", "crc-74/crc-table-16", "crc-74/crc", "crc-74/bitwise"],
+            [
+                "crc-74/ours",
+                "crc-74/crc-table-1",
+                "crc-74/crc-table-16",
+                "crc-74/crc",
+                "crc-74/bitwise",
+            ],
         ),
         (
             28,
             &TYPICAL,
-            ["crc-12/crc-table-1", "crc-12/crc-table-16", "crc-12/crc", "crc-12/bitwise"],
+            [
+                "crc-12/ours",
+                "crc-12/crc-table-1",
+                "crc-12/crc-table-16",
+                "crc-12/crc",
+                "crc-12/bitwise",
+            ],
         ),
     ] {
         let frame = encode(did, data, &mut buffer);
@@ -202,10 +215,11 @@ fn checksums(meter: &mut impl Meter) {
         let mut case = |name, checksum: fn(&[u8]) -> u8| {
             meter.case(name, body.len(), || _ = black_box(checksum(black_box(body))));
         };
-        case(names[0], |body| TABLE_1.checksum(body));
-        case(names[1], |body| TABLE_16.checksum(body));
-        case(names[2], |body| NO_TABLE.checksum(body));
-        case(names[3], peers::figure_ii_1);
+        case(names[0], checksum);
+        case(names[1], |body| TABLE_1.checksum(body));
+        case(names[2], |body| TABLE_16.checksum(body));
+        case(names[3], |body| NO_TABLE.checksum(body));
+        case(names[4], peers::figure_ii_1);
     }
 }
 
