@@ -253,16 +253,14 @@ pub async fn link<M: RawMutex, S: Session>(
 ) -> ! {
     let session = RefCell::new(session);
     let something_to_send = Signal::<NoopRawMutex, ()>::new();
-    let publish = || {
-        let session = session.borrow();
-        channels.link.set(session.counters());
-        channels.signs_of_life.set(session.signs_of_life());
-    };
+    // Copied when a loop is about to wait: not on the way of an answer.
+    let publish = || channels.link.set(session.borrow().counters());
 
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
             channels.roll.answer(Task::Receive);
+            publish();
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
             let mut bytes: &[u8] = match select(rx.read(&mut buffer), Timer::at(until)).await {
@@ -289,7 +287,7 @@ pub async fn link<M: RawMutex, S: Session>(
                         session.advance(now, &channels.snapshot.get())
                     })
                 };
-                publish();
+                channels.signs_of_life.set(session.borrow().signs_of_life());
                 match request {
                     Some(Request::Control(command)) => channels.commands.send(command).await,
                     Some(Request::Upkeep(task)) => {
@@ -323,13 +321,13 @@ pub async fn link<M: RawMutex, S: Session>(
             let frame = session.borrow_mut().transmit(Instant::now(), snapshot, &mut buffer);
             match frame {
                 Some(frame) => {
-                    publish();
                     if tx.write_all(frame).await.is_err() {
                         session.borrow_mut().line_failed();
                         Timer::after(LINE_DOWN).await;
                     }
                 }
                 None => {
+                    publish();
                     let check_in_at = Instant::now() + CHECK_IN_PERIOD;
                     let at = session.borrow().sends_at().min(check_in_at);
                     let upkeep_done = channels.upkeep_done.wait();
