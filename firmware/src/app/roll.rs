@@ -2,14 +2,19 @@
 //!
 //! Control calls the roll every period, on its own executor above the others, and drives nothing
 //! any more when one of them has been silent for `LONGEST_SILENCE`. Supervision, in the thread,
-//! sees whether control still calls; if not, it makes the board safe in its place. Whoever has hung
-//! once is not trusted again: the watchdog is fed no more.
+//! sees whether control still calls; if not, it makes the board safe in its place. It cannot while
+//! control is in a loop: for that a board has an exception above control (`board::heartbeat`).
+//! Whoever has hung once is not trusted again: the watchdog is fed no more.
 //!
 //! | hangs | outputs are off | by |
 //! |---|---|---|
 //! | a task but control, or its executor | within 91 ms | control |
 //! | control, waiting for what never comes | within 80 ms | supervision |
-//! | control, in a loop without end | when the watchdog resets the board | the watchdog |
+//! | control, in a loop without end | within 80 ms | the board |
+//! | whoever, in a loop where no exception comes through | with the reset | the watchdog |
+//!
+//! None comes through critical sections, and embassy's interrupt handlers are as high; ours in both
+//! are a few instructions.
 //!
 //! The reset comes [`WATCHDOG_PERIOD`](super::WATCHDOG_PERIOD) after the watchdog was fed last, and
 //! that is before the outputs went off: within 500 ms.

@@ -11,6 +11,7 @@
 //! | display | I2C1, polled |
 //! | rangers, remote | EXTI 1, 4, 5, 7, 8, 10; 13 |
 //! | embassy's clock | TIM5 |
+//! | control's heartbeat | SysTick |
 //! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused |
 //!
 //! README.md beside this file is the wiring table for people.

@@ -16,6 +16,7 @@
 //! | inputs 0 and 1 | the blue button PC13, PC12 | 2 of 8, the others read 0 |
 //! | outputs 0 and 1 | LD2 on PA5, PA4 | 2 of 8, the others are ignored |
 //! | embassy's clock | TIM5 | |
+//! | control's heartbeat | SysTick | |
 //! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused | |
 //!
 //! What the board has on its pins is left alone: SWD (PA13, PA14), the 32 kHz crystal (PC14,

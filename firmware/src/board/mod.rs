@@ -13,6 +13,7 @@
 //! | [`flash`] | where the settings survive |
 //! | [`drives`] | bridges, servos, output port by registers alone, and their safe state |
 //! | [`motion`] | those, the encoders and the fast inputs as one port |
+//! | `heartbeat` | misses a control that drives no more: outputs safe first |
 //! | [`analog`] | 48 analogue inputs through three multiplexers, scanned without the CPU |
 //! | [`line`] | the host's UART |
 //! | [`bus`] | the bus of AX-12 servos, for the CM-5's image |
@@ -41,6 +42,7 @@
 mod boot;
 mod dma;
 mod fault;
+mod heartbeat;
 #[cfg(feature = "qemu")]
 mod systick;
 

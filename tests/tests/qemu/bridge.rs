@@ -14,12 +14,9 @@ use hal_mock::servo_bus::{Make, ServoBus};
 use protocol::cm5::{Answer, Hello, Limits, Packet, Receiver, Report};
 
 use crate::machine::Machine;
-use crate::{BSRR, IWDG, KR};
+use crate::{BSRR, IWDG, KR, SLOWLY};
 
 const IMAGE: &str = "cm5-qemu";
-
-/// An instruction takes 8 ns.
-const SLOWLY: [&str; 2] = ["-icount", "shift=3"];
 
 /// The search takes about a second of the machine's time, and a servo that it has missed is found
 /// some 5 s later.

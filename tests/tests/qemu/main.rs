@@ -3,14 +3,16 @@
 //!     .ci/images && cargo test -p tests --test qemu -- --ignored --test-threads 2
 //!
 //! The virtual board's image is in `simulated`, the CM-5's in `bridge`. Here is the STM32F407
-//! board's, and in `settings` what of it outlives a start: frames go in over its UART, and the
-//! registers that it writes come out of QEMU's log. It differs from the image that is flashed only
-//! in what the machine lacks (the firmware's feature `qemu`): SysTick for TIM5's compare channels,
-//! a receive interrupt and polled sending for the UART's DMA.
+//! board's, in `settings` what of it outlives a start, and in `hang` a control that does not come
+//! back: frames go in over its UART, and the registers that it writes come out of QEMU's log. It
+//! differs from the image that is flashed only in what the machine lacks (the firmware's feature
+//! `qemu`): SysTick for TIM5's compare channels, a receive interrupt and polled sending for the
+//! UART's DMA.
 
 mod bridge;
 mod chip;
 mod gdb;
+mod hang;
 mod machine;
 mod process;
 mod script;
@@ -26,6 +28,9 @@ use protocol::pms5005::{
 
 /// The PMS5005 with what the machine lacks replaced.
 const IMAGE: &str = "pms5005-qemu";
+
+/// The machine's clock counts instructions, 8 ns each, in place of the wall's time.
+const SLOWLY: [&str; 2] = ["-icount", "shift=3"];
 
 /// Register offsets: GPIO's BSRR, a timer's CCR1, the watchdog's KR.
 const BSRR: u32 = 0x18;
