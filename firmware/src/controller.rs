@@ -17,7 +17,7 @@ use core::array;
 use protocol::pms5005::extension::{Fault, FaultRecord};
 use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
-use crate::command::{Command, Configuration, ENCODERS, Refused};
+use crate::command::{ChannelConfiguration, Command, ENCODERS, Refused};
 use crate::control::axis::{Axis, Reading, scale};
 use crate::control::pid::Limits;
 use crate::control::potentiometer;
@@ -376,14 +376,18 @@ impl Controller {
                 }
                 Ok(())
             }
-            Command::Configure(ref configuration) => {
-                self.configure(configuration, motion);
+            Command::Configure(channel, ref changes) => {
+                self.configure(channel, changes, motion);
                 Ok(())
             }
-            Command::Adopt(ref settings) => {
-                self.settings = *settings;
+            Command::ProtectFromCollisions(on) => {
+                self.guard.enabled = on;
+                Ok(())
+            }
+            Command::Adopt(ref part) => {
+                self.settings.adopt(part);
                 for axis in &mut self.axes {
-                    axis.set_full_speed(settings.full_speed(axis.sensor()));
+                    axis.set_full_speed(self.settings.full_speed(axis.sensor()));
                 }
                 Ok(())
             }
@@ -467,32 +471,28 @@ impl Controller {
         Ok(())
     }
 
-    fn configure(&mut self, configuration: &Configuration, motion: &MotionInputs) {
-        for (channel, changes) in Channel::ALL.into_iter().zip(&configuration.channels) {
-            if let Some(sensor) = changes.sensor {
-                self.set_sensor(channel, sensor, true, motion);
-            }
-            let reading = self.reading(channel);
-            let axis = &mut self.axes[channel.index()];
-            for (control_loop, gains) in
-                [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
-            {
-                let before = axis.gains(control_loop);
-                let after = gains.apply(before, self.settings.ki_reading);
-                // Scaling divides: not for the channels that a frame leaves alone.
-                if after != before {
-                    axis.set_gains(control_loop, after);
-                }
-            }
-            if let Some(polarity) = changes.polarity {
-                axis.set_polarity(polarity, reading);
-            }
-            if let Some(method) = changes.method {
-                axis.set_method(method, reading);
-            }
+    fn configure(
+        &mut self,
+        channel: Channel,
+        changes: &ChannelConfiguration,
+        motion: &MotionInputs,
+    ) {
+        if let Some(sensor) = changes.sensor {
+            self.set_sensor(channel, sensor, true, motion);
         }
-        if let Some(on) = configuration.collision_protection {
-            self.guard.enabled = on;
+        let reading = self.reading(channel);
+        let axis = &mut self.axes[channel.index()];
+        for (control_loop, gains) in
+            [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
+        {
+            let before = axis.gains(control_loop);
+            axis.set_gains(control_loop, gains.apply(before, self.settings.ki_reading));
+        }
+        if let Some(polarity) = changes.polarity {
+            axis.set_polarity(polarity, reading);
+        }
+        if let Some(method) = changes.method {
+            axis.set_method(method, reading);
         }
     }
 

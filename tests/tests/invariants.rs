@@ -189,14 +189,12 @@ impl Model {
                     }
                 }
             }
-            Command::Configure(configuration) => {
-                for (reversed, channel) in self.reversed.iter_mut().zip(Channel::ALL) {
-                    for polarity in [Polarity::Positive, Polarity::Negative] {
-                        let mut only = Configuration::default();
-                        only.add(Parameter::Polarity(channel, polarity)).unwrap();
-                        if configuration == only {
-                            *reversed = polarity == Polarity::Negative;
-                        }
+            Command::Configure(channel, _) => {
+                for polarity in [Polarity::Positive, Polarity::Negative] {
+                    let mut only = Configuration::default();
+                    only.add(Parameter::Polarity(channel, polarity)).unwrap();
+                    if only.take() == Some(*command) {
+                        self.reversed[channel.index()] = polarity == Polarity::Negative;
                     }
                 }
             }

@@ -334,8 +334,10 @@ pub async fn link<M: RawMutex, S: Session>(
                     // The timer last: to set it is what costs most, and mostly it is not asked.
                     let event = select3(something_to_send.wait(), upkeep_done, Timer::at(at)).await;
                     if let Either3::Second(result) = event {
-                        let command = session.borrow_mut().upkeep_done(result);
-                        if let Some(command) = command {
+                        session.borrow_mut().upkeep_done(result);
+                        loop {
+                            let command = session.borrow_mut().left_over();
+                            let Some(command) = command else { break };
                             channels.commands.send(command).await;
                         }
                     }

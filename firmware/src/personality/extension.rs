@@ -72,6 +72,8 @@ impl Owed {
 pub(super) struct Extension {
     /// The settings in force. Only this session changes them.
     settings: Settings,
+    /// Which part of them the controller is to be told next; behind the last it knows all.
+    next_part: u8,
     boot: Boot,
     booted: Instant,
     owed: Deque<Owed, ANSWERS_WAITING>,
@@ -84,7 +86,15 @@ pub(super) struct Extension {
 
 impl Extension {
     pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
-        Self { settings, boot, booted: now, owed: Deque::new(), upkeep: None, asked_fault: None }
+        Self {
+            settings,
+            next_part: u8::MAX,
+            boot,
+            booted: now,
+            owed: Deque::new(),
+            upkeep: None,
+            asked_fault: None,
+        }
     }
 
     /// The settings in force.
@@ -160,13 +170,13 @@ impl Extension {
                 (None, Some(Request::Control(Command::ShowFault(place))))
             }
             Asked::Health(_) => (None, None),
-            Asked::Set(assignments) => self.set(assignments),
+            Asked::Set(assignments) => (Some(self.set(assignments)), None),
             Asked::Do(action) => self.act(action),
         }
     }
 
-    /// Sets all of them or none, here and in the controller.
-    fn set(&mut self, assignments: Assignments<'_>) -> (Option<Owed>, Option<Request>) {
+    /// Sets all of them or none.
+    fn set(&mut self, assignments: Assignments<'_>) -> Owed {
         let outcome = Outcome::of(did::PARAMETERS, assignments.as_bytes(), Verdict::Done);
         let mut settings = self.settings;
         let set = assignments
@@ -175,19 +185,27 @@ impl Extension {
             .and_then(|()| settings.check());
         let (verdict, setting) = match set {
             Ok(()) => {
-                self.settings = settings;
-                return (Some(Owed::Outcome(outcome)), Some(Request::Control(self.adopt())));
+                self.force(settings);
+                (Verdict::Done, outcome.setting)
             }
             Err(SettingRefused::NoSuchSetting(number)) => (Verdict::NoSuchSetting, number),
             Err(SettingRefused::OutOfRange(number)) => (Verdict::OutOfRange, number),
             Err(SettingRefused::Contradiction(number)) => (Verdict::Contradiction, number),
         };
-        (Some(Owed::Outcome(Outcome { verdict, setting, ..outcome })), None)
+        Owed::Outcome(Outcome { verdict, setting, ..outcome })
     }
 
-    /// The command that makes the controller's settings those in force here.
-    fn adopt(&self) -> Command {
-        Command::Adopt(self.settings.control)
+    /// Puts settings into force, here and, part by part, in the controller.
+    fn force(&mut self, settings: Settings) {
+        self.settings = settings;
+        self.next_part = 0;
+    }
+
+    /// The next command of those that put settings into force.
+    pub(super) fn left_over(&mut self) -> Option<Command> {
+        let part = self.settings.control.part(self.next_part)?;
+        self.next_part += 1;
+        Some(Command::Adopt(part))
     }
 
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
@@ -209,23 +227,19 @@ impl Extension {
         (None, Some(Request::Upkeep(upkeep)))
     }
 
-    /// What came of the upkeep: the answer to it, and what is asked of the controller.
-    pub(super) fn done(
-        &mut self,
-        result: Result<(), UpkeepRefused>,
-    ) -> (Option<Owed>, Option<Command>) {
-        let Some(action) = self.upkeep.take() else { return (None, None) };
+    /// What came of the upkeep: the answer to it.
+    pub(super) fn done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Owed> {
+        let action = self.upkeep.take()?;
         let verdict = match result {
             Ok(()) => Verdict::Done,
             Err(UpkeepRefused::OutputsOn) => Verdict::OutputsOn,
             Err(UpkeepRefused::NotAvailable) => Verdict::NotAvailable,
             Err(UpkeepRefused::FlashFailed) => Verdict::FlashFailed,
         };
-        let command = (action == Action::FactoryReset && result.is_ok()).then(|| {
-            self.settings = Settings::DEFAULT;
-            self.adopt()
-        });
-        (Some(Owed::Outcome(Outcome::of_action(action, verdict))), command)
+        if action == Action::FactoryReset && result.is_ok() {
+            self.force(Settings::DEFAULT);
+        }
+        Some(Owed::Outcome(Outcome::of_action(action, verdict)))
     }
 
     /// An answer as it is now; `None` for a setting that is none.

@@ -133,15 +133,22 @@ impl Session for PioneerArm {
     type Counters = ArmCounters;
 
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
-        while let Some(packet) = self.receiver.receive(bytes, now) {
+        // What the arm asks of the board is `advance`'s to tell.
+        loop {
+            if let Some(command) = self.left_over() {
+                return Some(Request::Control(command));
+            }
+            let packet = self.receiver.receive(bytes, now)?;
             if let Some(packet) = Packet::parse(packet)
                 && let Some(request) = self.answers.respond(&packet, now)
             {
                 return Some(request);
             }
         }
-        // What the arm asks of the board is `advance`'s to tell.
-        None
+    }
+
+    fn left_over(&mut self) -> Option<Command> {
+        self.answers.extension.left_over()
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
@@ -188,10 +195,9 @@ impl Session for PioneerArm {
         self.answers.due_at()
     }
 
-    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Command> {
-        let (answer, command) = self.answers.extension.done(result);
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) {
+        let answer = self.answers.extension.done(result);
         self.answers.settle(answer);
-        command
     }
 
     fn line_failed(&mut self) {

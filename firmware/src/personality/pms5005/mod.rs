@@ -100,6 +100,8 @@ struct Answers {
     streams: [Stream; TOPICS.len()],
     /// The stream whose turn it is.
     turn: usize,
+    /// What the controller is still to be told of the last parameters.
+    configuration: Configuration,
     acks_waiting: u16,
     ping_answered: Option<Instant>,
     /// When the host last heard telemetry or a ping.
@@ -139,6 +141,7 @@ impl Pms5005 {
                 extension,
                 streams,
                 turn: 0,
+                configuration: Configuration::default(),
                 acks_waiting: 0,
                 ping_answered: None,
                 spoke: now,
@@ -152,12 +155,19 @@ impl Session for Pms5005 {
     type Counters = LinkCounters;
 
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
-        while let Some(frame) = self.receiver.receive(bytes, now) {
+        loop {
+            if let Some(command) = self.left_over() {
+                return Some(Request::Control(command));
+            }
+            let frame = self.receiver.receive(bytes, now)?;
             if let Some(request) = self.answers.respond(frame, now) {
                 return Some(request);
             }
         }
-        None
+    }
+
+    fn left_over(&mut self) -> Option<Command> {
+        self.answers.configuration.take().or_else(|| self.answers.extension.left_over())
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
@@ -193,10 +203,9 @@ impl Session for Pms5005 {
         frame.ok().map(|frame| &*frame)
     }
 
-    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Command> {
-        let (answer, command) = self.answers.extension.done(result);
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) {
+        let answer = self.answers.extension.done(result);
         self.answers.settle(answer);
-        command
     }
 
     fn sends_at(&self) -> Instant {
@@ -349,7 +358,10 @@ impl Answers {
             wire::Command::Parameters(parameters) => {
                 let mut configuration = Configuration::default();
                 match parameters.iter().try_for_each(|parameter| configuration.add(parameter)) {
-                    Ok(()) => control(Command::Configure(configuration)),
+                    Ok(()) => {
+                        self.configuration = configuration;
+                        None
+                    }
                     Err(refused) => {
                         count(&mut self.counters.refused, 1);
                         warning!("frame not carried out: {}", refused);
