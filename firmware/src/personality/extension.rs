@@ -255,13 +255,24 @@ impl Extension {
     /// How the board is now.
     pub(super) fn health(&self, now: Instant, snapshot: &Snapshot) -> Answer<'static> {
         Answer::Health(Health {
-            uptime_ms: (now - self.booted).as_millis() as u32, // wraps, as documented
+            uptime_ms: milliseconds(now - self.booted),
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
             faults: snapshot.faults.count() as u8, // 35 at the most
             periods_missed: snapshot.counters.periods_missed,
         })
     }
+}
+
+/// Milliseconds of a time; wraps. By long division, since a division of 64 bits takes an image 0.4 KB.
+fn milliseconds(time: Duration) -> u32 {
+    let us = time.as_micros();
+    let digits = [us >> 48, us >> 32, us >> 16, us].map(|digits| digits as u16);
+    let (quotient, _) = digits.into_iter().fold((0, 0), |(quotient, remainder), digit| {
+        let part = remainder << 16 | u32::from(digit);
+        (quotient << 16 | part / 1000, part % 1000)
+    });
+    quotient
 }
 
 /// The firmware's version.
