@@ -27,8 +27,8 @@ fn find(number: u16) -> Option<(&'static Row, usize)> {
 
 /// The lowest number above this one.
 fn next(number: u16) -> Option<u16> {
-    let numbers = TABLE.iter().flat_map(|row| (0..row.count()).map(|n| row.number(n)));
-    numbers.filter(|&next| next > number).min()
+    let of_row = |row: &Row| (0..row.count()).map(|n| row.number(n)).find(|&next| next > number);
+    TABLE.iter().filter_map(of_row).min()
 }
 
 impl Settings {

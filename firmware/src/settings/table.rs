@@ -13,10 +13,12 @@ use super::{KiReading, Settings};
 pub(super) struct Row {
     /// Its number; the members of a bank have this and so many steps more as they are numbered.
     number: u16,
-    step: u16,
-    members: &'static [u8],
-    pub name: &'static str,
+    /// 0 if it is no bank.
+    step: u8,
+    /// What the first and the last of a bank are called behind its name.
+    members: (u8, u8),
     pub unit: Unit,
+    pub name: &'static str,
     /// Lowest and highest value.
     pub range: (i32, i32),
     pub get: fn(&Settings, usize) -> i32,
@@ -27,22 +29,23 @@ pub(super) struct Row {
 impl Row {
     /// How many settings it holds.
     pub const fn count(&self) -> usize {
-        if self.members.is_empty() { 1 } else { self.members.len() }
+        let (first, last) = self.members;
+        (last - first) as usize + 1
     }
 
     /// What the nth of a bank is called behind its name.
     pub fn member(&self, n: usize) -> Option<u8> {
-        self.members.get(n).copied()
+        (self.step > 0).then_some(self.members.0 + n as u8) // 6 at the most
     }
 
     /// The number of the nth.
     pub fn number(&self, n: usize) -> u16 {
-        self.number + self.step * u16::from(self.member(n).unwrap_or(0)) // 173 at the most
+        self.number + u16::from(self.step) * u16::from(self.member(n).unwrap_or(0)) // 173 at the most
     }
 }
 
 macro_rules! settings {
-    ($($number:literal $(+ $step:literal * [$($n:literal)+])?, $name:literal,
+    ($($number:literal $(+ $step:literal * [$first:literal..=$last:literal])?, $name:literal,
         $unit:ident, $low:literal, $high:literal, $default:literal, $what:literal,
         $get:expr, $set:expr;)+) => {
         /// How many settings there are.
@@ -62,7 +65,7 @@ macro_rules! settings {
         pub(super) const TABLE: &[Row] = &[$(Row {
             number: $number,
             step: 0 $(+ $step)?,
-            members: &[$($($n),+)?],
+            members: (0 $(+ $first)?, 0 $(+ $last)?),
             name: $name,
             unit: Unit::$unit,
             range: ($low, $high),
@@ -212,11 +215,11 @@ settings! {
     75, "no thermometer", AdCounts, 0, 4095, 4040,
         "fault 21: from this on there is none (4040 is 80 degrees)",
         |s, _| s.control.board_faults.no_thermometer.into(), |s, _, v| s.control.board_faults.no_thermometer = v as u16;
-    80 + 2 * [0 1 2 3 4 5], "soft limit low", Counts, 0, 32767, 0,
+    80 + 2 * [0..=5], "soft limit low", Counts, 0, 32767, 0,
         "channel n is driven no lower; equal to the next one it is off",
         |s, n| of(&s.control.soft_limits, n).low.into(),
         |s, n, v| change(&mut s.control.soft_limits, n, |soft| soft.low = v as i16);
-    81 + 2 * [0 1 2 3 4 5], "soft limit high", Counts, 0, 32767, 0,
+    81 + 2 * [0..=5], "soft limit high", Counts, 0, 32767, 0,
         "channel n is driven no higher; not below the one before",
         |s, n| of(&s.control.soft_limits, n).high.into(),
         |s, n, v| change(&mut s.control.soft_limits, n, |soft| soft.high = v as i16);
@@ -232,27 +235,27 @@ settings! {
     115, "arm grippark", Seconds, 0, 65535, 300,
         "time until a closed gripper goes home; 0 is never",
         |s, _| s.arm.grippark_s.into(), |s, _, v| s.arm.grippark_s = v as u16;
-    120 + 8 * [1 2 3 4 5 6], "joint speed", Milliseconds, 1, 127, 20,
+    120 + 8 * [1..=6], "joint speed", Milliseconds, 1, 127, 20,
         "of a step of one tick, at boot; an arm that nobody watches goes home no faster",
         |s, n| of(&s.arm.joints, n).ms_per_tick.into(),
         |s, n, v| change(&mut s.arm.joints, n, |joint| joint.ms_per_tick = v as u8);
-    121 + 8 * [1 2 3 4 5 6], "joint home", Ticks, 0, 255, 127,
+    121 + 8 * [1..=6], "joint home", Ticks, 0, 255, 127,
         "home position, from lowest to highest",
         |s, n| of(&s.arm.joints, n).home.into(),
         |s, n, v| change(&mut s.arm.joints, n, |joint| joint.home = v as u8);
-    122 + 8 * [1 2 3 4 5 6], "joint min", Ticks, 0, 255, 0,
+    122 + 8 * [1..=6], "joint min", Ticks, 0, 255, 0,
         "lowest position",
         |s, n| of(&s.arm.joints, n).min.into(),
         |s, n, v| change(&mut s.arm.joints, n, |joint| joint.min = v as u8);
-    123 + 8 * [1 2 3 4 5 6], "joint centre", Ticks, 0, 255, 127,
+    123 + 8 * [1..=6], "joint centre", Ticks, 0, 255, 127,
         "position of 0 degrees and of a pulse of 1.5 ms",
         |s, n| of(&s.arm.joints, n).centre.into(),
         |s, n, v| change(&mut s.arm.joints, n, |joint| joint.centre = v as u8);
-    124 + 8 * [1 2 3 4 5 6], "joint max", Ticks, 0, 255, 255,
+    124 + 8 * [1..=6], "joint max", Ticks, 0, 255, 255,
         "highest position, not below the lowest",
         |s, n| of(&s.arm.joints, n).max.into(),
         |s, n, v| change(&mut s.arm.joints, n, |joint| joint.max = v as u8);
-    125 + 8 * [1 2 3 4 5 6], "joint ticks per 90", Ticks, 1, 255, 140,
+    125 + 8 * [1..=6], "joint ticks per 90", Ticks, 1, 255, 140,
         "of 90 degrees and 1 ms of pulse; lowest and highest position must be 0.22 to 3.11 ms",
         |s, n| of(&s.arm.joints, n).ticks_per_90.into(),
         |s, n, v| change(&mut s.arm.joints, n, |joint| joint.ticks_per_90 = v as u8);
