@@ -288,3 +288,20 @@ const fn version(number: &str) -> u8 {
         Err(_) => panic!("each part of the version fits a byte"), // when it is compiled
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn milliseconds_are_those_of_a_division_and_wrap() {
+        let day = Duration::from_secs(24 * 3600);
+        for days in [0, 1, 49, 50, 100_000] {
+            for us in [0, 1, 999, 1000, 1001, 65_535, 65_536, 86_399_999_999] {
+                let time = day * days + Duration::from_micros(us);
+                assert_eq!(milliseconds(time), time.as_millis() as u32, "{days} days, {us} us");
+            }
+        }
+        assert_eq!(milliseconds(Duration::from_ticks(u64::MAX)), (u64::MAX / 1000) as u32);
+    }
+}
