@@ -270,7 +270,7 @@ fn milliseconds(time: Duration) -> u32 {
     let digits = [us >> 48, us >> 32, us >> 16, us].map(|digits| digits as u16);
     let (quotient, _) = digits.into_iter().fold((0, 0), |(quotient, remainder), digit| {
         let part = remainder << 16 | u32::from(digit);
-        (quotient << 16 | part / 1000, part % 1000)
+        ((quotient << 16) | (part / 1000), part % 1000)
     });
     quotient
 }
