@@ -179,25 +179,28 @@ pub async fn upkeep<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
-        let task = channels.upkeep.receive().await;
+        // It stays in the channel: in this future it would be a second time.
+        channels.upkeep.ready_to_receive().await;
         let periods = || channels.snapshot.get().counters.periods;
         let before = periods();
         while periods().wrapping_sub(before) < 2 {
             Timer::after(CONTROL_PERIOD).await;
         }
         let is_off = channels.snapshot.get().outputs.are_off();
-        let result = match task {
-            _ if !is_off => Err(UpkeepRefused::OutputsOn),
-            Upkeep::Start(program) if !system.can_start(program) => {
-                Err(UpkeepRefused::NotAvailable)
+        let (result, program) = match channels.upkeep.try_receive() {
+            Err(_) => continue,
+            Ok(_) if !is_off => (Err(UpkeepRefused::OutputsOn), None),
+            Ok(Upkeep::Start(program)) if !system.can_start(program) => {
+                (Err(UpkeepRefused::NotAvailable), None)
             }
-            Upkeep::Start(_) => Ok(()),
-            Upkeep::Save(settings) => store
-                .save(&settings, || system.before_erase())
-                .map_err(|_| UpkeepRefused::FlashFailed),
+            Ok(Upkeep::Start(program)) => (Ok(()), Some(program)),
+            Ok(Upkeep::Save(settings)) => {
+                let saved = store.save(&settings, || system.before_erase());
+                (saved.map_err(|_| UpkeepRefused::FlashFailed), None)
+            }
         };
         channels.upkeep_done.signal(result);
-        if let (Upkeep::Start(program), Ok(())) = (task, result) {
+        if let Some(program) = program {
             Timer::after(FAREWELL).await;
             system.start(program);
         }

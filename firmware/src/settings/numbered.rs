@@ -27,8 +27,8 @@ fn find(number: u16) -> Option<(&'static Row, usize)> {
 
 /// The lowest number above this one.
 fn next(number: u16) -> Option<u16> {
-    let numbers = TABLE.iter().flat_map(|row| (0..row.count()).map(|n| row.number(n)));
-    numbers.filter(|&next| next > number).min()
+    let of_row = |row: &Row| (0..row.count()).map(|n| row.number(n)).find(|&next| next > number);
+    TABLE.iter().filter_map(of_row).min()
 }
 
 impl Settings {
@@ -42,7 +42,7 @@ impl Settings {
         if !(low..=high).contains(&value) {
             return Err(SettingRefused::OutOfRange(number));
         }
-        (row.set)(self, n, value);
+        row.set(self, n, value);
         Ok(())
     }
 
@@ -84,7 +84,7 @@ impl Settings {
     /// All of them, with their numbers, in the order of the rows.
     pub fn iter(&self) -> impl Iterator<Item = (u16, i32)> {
         let of_row =
-            |row: &'static Row| (0..row.count()).map(|n| (row.number(n), (row.get)(self, n)));
+            |row: &'static Row| (0..row.count()).map(|n| (row.number(n), row.get(self, n)));
         TABLE.iter().flat_map(of_row)
     }
 
@@ -96,9 +96,9 @@ impl Settings {
         Some(Description {
             number,
             next: next(number),
-            value: (row.get)(self, n),
+            value: row.get(self, n),
             range: row.range,
-            default: (row.get)(&Self::DEFAULT, n),
+            default: row.get(&Self::DEFAULT, n),
             unit: row.unit,
             name: row.name,
             member: row.member(n),
@@ -117,7 +117,7 @@ mod tests {
         for (row, documented) in TABLE.iter().zip(DOCUMENTED) {
             assert!(row.name.is_ascii() && row.name.len() <= Description::LONGEST_NAME);
             for n in 0..row.count() {
-                let default = (row.get)(&Settings::DEFAULT, n);
+                let default = row.get(&Settings::DEFAULT, n);
                 assert_eq!(default, *documented, "{}", row.name);
                 assert!((row.range.0..=row.range.1).contains(&default), "{}", row.name);
             }

@@ -61,7 +61,7 @@ impl<F: NorFlash> Store<F> {
     /// interrupted, and calls `feed` before each that it begins.
     pub fn load(&mut self, mut feed: impl FnMut()) -> (Settings, Origin) {
         let was_empty = self.is_empty();
-        match self.fetch(&mut feed) {
+        match self.stored(&mut feed) {
             Some(settings) => (settings, Origin::Stored),
             None if was_empty => (Settings::DEFAULT, Origin::Defaults),
             None => {
@@ -80,7 +80,7 @@ impl<F: NorFlash> Store<F> {
             return Ok(());
         }
         // Nothing readable is lost: while there was a record, the map took another one.
-        if self.fetch(&mut feed).is_none() {
+        if self.stored(&mut feed).is_none() {
             let (start, end) = (self.range.start, self.range.end);
             let erased = block_on(asynchronous::NorFlash::erase(
                 &mut Fed { flash: &mut self.flash, feed: &mut feed },
@@ -103,15 +103,18 @@ impl<F: NorFlash> Store<F> {
             Some(mut map) => block_on(map.store_item(&mut buffer, &KEY, &record)).is_ok(),
             None => false,
         };
-        stored && self.fetch(feed).is_some_and(|stored| stored.iter().eq(settings.iter()))
+        stored && self.fetch(&mut buffer, feed) == Some(record)
     }
 
-    /// The last good record, if it is one of ours.
-    fn fetch(&mut self, feed: Feed<'_>) -> Option<Settings> {
-        let mut buffer = [0; RECORD];
+    /// The settings of the last good record, if it is one of ours.
+    fn stored(&mut self, feed: Feed<'_>) -> Option<Settings> {
+        read(self.fetch(&mut [0; RECORD], feed)?)
+    }
+
+    /// The last good record.
+    fn fetch<'b>(&mut self, buffer: &'b mut [u8; RECORD], feed: Feed<'_>) -> Option<&'b [u8]> {
         let mut map = map(&mut self.flash, &self.range, feed)?;
-        let record = block_on(map.fetch_item::<&[u8]>(&mut buffer, &KEY)).ok()??;
-        read(record)
+        block_on(map.fetch_item(buffer, &KEY)).ok()?
     }
 
     fn is_empty(&mut self) -> bool {

@@ -14,27 +14,45 @@ use super::parameter::Parameters;
 pub const CHANNELS: usize = 6;
 
 /// DC motor or servo channel, 0 to 5. The manual's "motor 1" is channel 0.
+///
+/// Six names rather than a number: an array of [`CHANNELS`] has each, and the compiler knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Channel(u8);
+#[repr(u8)]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Channel {
+    Channel0,
+    Channel1,
+    Channel2,
+    Channel3,
+    Channel4,
+    Channel5,
+}
 
 impl Channel {
     /// All channels, in order.
-    pub const ALL: [Self; CHANNELS] = [Self(0), Self(1), Self(2), Self(3), Self(4), Self(5)];
+    pub const ALL: [Self; CHANNELS] = [
+        Self::Channel0,
+        Self::Channel1,
+        Self::Channel2,
+        Self::Channel3,
+        Self::Channel4,
+        Self::Channel5,
+    ];
 
     /// Channel `number`, if it is one of 0 to 5.
-    pub const fn new(number: u8) -> Option<Self> {
-        if number < 6 { Some(Self(number)) } else { None }
+    pub fn new(number: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(number)).copied()
     }
 
     /// 0 to 5, as on the wire.
     pub const fn number(self) -> u8 {
-        self.0
+        self as u8
     }
 
     /// 0 to 5, for arrays of [`CHANNELS`].
-    pub fn index(self) -> usize {
-        usize::from(self.0)
+    pub const fn index(self) -> usize {
+        self as usize
     }
 }
 

@@ -13,12 +13,16 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::Instant;
 use firmware::app;
+use firmware::board::flash::Flash;
 use firmware::board::line::{Receiver, Sender};
 use firmware::board::ssd1306::Ssd1306;
+use firmware::board::system::System;
+use firmware::board::watchdog::Watchdog;
 use firmware::board::{self, Board, Motion, Sensing};
 use firmware::controller::Controller;
 use firmware::personality::{Boot, Session};
 use firmware::ports::SystemPort;
+use firmware::settings::store::Store;
 use static_cell::StaticCell;
 
 use crate::{HOST_BAUD, Host, host};
@@ -70,8 +74,17 @@ async fn link(
     app::link(rx, tx, session, all).await;
 }
 
-#[embassy_executor::main]
-async fn main(spawner: Spawner) {
+/// What is left for `main` to do.
+struct Rest {
+    watchdog: Watchdog,
+    store: &'static mut Store<Flash>,
+    system: &'static mut System,
+    all: &'static Channels,
+}
+
+/// Starts the board and its tasks. Apart from `main`, whose future would keep what is needed here
+/// only.
+fn start(spawner: Spawner) -> Rest {
     let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog, system, store, reset } =
         BOARD.init_with(|| board::start(HOST_BAUD));
     let all = &*CHANNELS.init_with(Channels::new);
@@ -86,6 +99,12 @@ async fn main(spawner: Spawner) {
     SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
+    Rest { watchdog: *watchdog, store, system, all }
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let Rest { watchdog, store, system, all } = start(spawner);
     let supervision = app::supervise(|| watchdog.feed(), board::safe_state, all);
     join(supervision, app::upkeep(store, system, all)).await;
 }

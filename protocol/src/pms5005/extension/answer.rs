@@ -172,12 +172,9 @@ impl core::fmt::Display for Description<'_> {
 
 /// Takes " 5" from the end of a name.
 fn member(name: &str) -> (&str, Option<u8>) {
-    let last = name.char_indices().next_back();
-    let digit = last.and_then(|(at, digit)| Some((at, u8::try_from(digit.to_digit(10)?).ok()?)));
-    match digit.and_then(|(at, digit)| Some((name.get(..at)?.strip_suffix(' ')?, digit))) {
-        Some((name, digit)) => (name, Some(digit)),
-        None => (name, None),
-    }
+    let [rest @ .., b' ', digit @ b'0'..=b'9'] = name.as_bytes() else { return (name, None) };
+    let digit = digit.saturating_sub(b'0');
+    name.get(..rest.len()).map_or((name, None), |name| (name, Some(digit)))
 }
 
 /// Who the board is (DID 97).
@@ -404,7 +401,7 @@ impl<'a> Answer<'a> {
             Self::Setting(setting) => {
                 let representable = setting.number != 0
                     && setting.next != Some(0)
-                    && setting.name.is_ascii()
+                    && setting.name.bytes().all(|byte| byte.is_ascii())
                     && setting.name.len() <= Description::LONGEST_NAME
                     && (setting.member.is_some() || member(setting.name).1.is_none())
                     && setting.member.is_none_or(|member| member < 10);
