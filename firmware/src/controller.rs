@@ -358,8 +358,13 @@ impl Controller {
             }
         }
         if latched.stops_servos() {
-            self.servos.iter_mut().for_each(Servo::suspend);
+            self.servos.iter_mut().for_each(Servo::trip);
         }
+    }
+
+    fn clear_faults(&mut self, scope: Scope, only_stops: bool) {
+        let (board, settings) = (&self.board, &self.settings.board_faults);
+        self.faults.clear(scope, only_stops, |fault| board.lasts(fault, settings));
     }
 
     fn apply(&mut self, command: &Command, motion: &MotionInputs) -> Result<(), Refused> {
@@ -393,7 +398,7 @@ impl Controller {
             }
             Command::Run { scope, run } => {
                 if run {
-                    self.faults.clear(scope, true);
+                    self.clear_faults(scope, true);
                 }
                 let latched = self.faults.latched();
                 for channel in Channel::ALL {
@@ -422,7 +427,7 @@ impl Controller {
                 Ok(())
             }
             Command::ClearFaults(scope) => {
-                self.faults.clear(scope, false);
+                self.clear_faults(scope, false);
                 Ok(())
             }
             Command::ShowFault(place) => {

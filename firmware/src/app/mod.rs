@@ -299,7 +299,9 @@ pub async fn link<M: RawMutex, S: Session>(
                         }
                         channels.hold.set(true); // until it is done
                         // There is room: the session has been told of the one before.
-                        let _ = channels.upkeep.try_send(task);
+                        if channels.upkeep.try_send(task).is_err() {
+                            channels.hold.set(false);
+                        }
                     }
                     Some(Request::Show(picture)) => {
                         // A display that hangs must not hold up the command that stops a motor.

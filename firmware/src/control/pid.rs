@@ -20,7 +20,7 @@
 //! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s, and as much again for every 128 ms that the error lasts |
 //! | Kd = 1 | 2^-16 a count/s | 2^-18 a (count/s) per ms |
 //! | Ki = 1.00 | 2^-10 a count and second | 2^-12 a (count/s) and second |
-//! | the most that counts | Kp 32767: full drive at one count; Kd 511: at 128 counts/s | Kp 32767: full drive at 16 counts/s |
+//! | the most that counts | Kp 32767: full drive at one count; Kd 511: at 128 counts/s | Kp 32767: full drive at 16 counts/s; with it Ki adds nothing |
 //!
 //! The velocity loop's Kp has the reset time of 128 ms built in because hosts leave Ki at 0 and
 //! expect the speed to be held: a proportional term alone would settle well below the set-point.
@@ -193,13 +193,13 @@ impl Pid {
         // the integral's full drive, and 64 bits hold 2^9 times full drive.
         let proportional = upper_half(gains.kp.wide_mul(error.0).to_bits());
         let damping = upper_half(gains.minus_kd.wide_mul(rate.0).to_bits());
-        let integral = self.integral.wrapping_add(gains.ki.wide_mul(error.0));
+        let integral = within_full_drive(self.integral.wrapping_add(gains.ki.wide_mul(error.0)));
         let others = Drive::from_bits(proportional)
             .wrapping_add(feed_forward)
             .wrapping_add(Drive::from_bits(damping));
         let drive = others.wrapping_add(to_drive(integral));
         if limits.low <= drive && drive <= limits.high {
-            self.integral = within_full_drive(integral);
+            self.integral = integral;
             return drive;
         }
         self.limited(gains, error, others, limits)
@@ -210,7 +210,7 @@ impl Pid {
     #[cold]
     #[inline(never)]
     fn limited(&mut self, gains: &Gains, error: Error, others: Drive, limits: &Limits) -> Drive {
-        let integral = self.integral.wrapping_add(gains.ki.wide_mul(error.0));
+        let integral = within_full_drive(self.integral.wrapping_add(gains.ki.wide_mul(error.0)));
         let drive = others.wrapping_add(to_drive(integral));
         // Gains are never negative: the integral moves with the sign of the error.
         let deeper = if error.0 < 0 { drive < limits.low } else { drive > limits.high };

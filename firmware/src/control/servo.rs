@@ -40,6 +40,12 @@ impl Servo {
         self.enabled = false;
     }
 
+    /// A fault: off as if suspended, with nowhere to go.
+    pub fn trip(&mut self) {
+        self.suspend();
+        self.ramp = Ramp::NONE;
+    }
+
     /// Starts the pulses again, if there ever were any, and goes on with the move.
     pub fn resume(&mut self) {
         self.enabled = true;

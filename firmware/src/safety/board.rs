@@ -6,7 +6,16 @@ use crate::ports::Sensors;
 use crate::settings::BoardFaultSettings;
 
 /// What is looked at, one thing a period: so the time between two looks at the same one is 8 ms.
-const CHECKS: usize = 8;
+const CHECKS: [Fault; 1 << LOOK_SHIFT] = [
+    Fault::MotorBatteryLow,
+    Fault::MotorBatteryHigh,
+    Fault::ServoBatteryLow,
+    Fault::MainBatteryLow,
+    Fault::DriverTooHot, // driver 1
+    Fault::DriverTooHot, // driver 2
+    Fault::AmbientTooHot,
+    Fault::PeriodMissed,
+];
 const LOOK_SHIFT: u32 = 3;
 
 /// What a late period adds to the measure, and so one in eight of them never adds up.
@@ -17,7 +26,7 @@ const LATE: u16 = 8;
 pub struct BoardMonitor {
     turn: u8,
     /// For how many looks each reading has been where it must not be.
-    looks: [u16; CHECKS],
+    looks: [u16; CHECKS.len()],
     /// Up by [`LATE`] with a period that is missed, down by one with every period.
     lateness: u16,
     /// How late the last one of these was.
@@ -39,31 +48,36 @@ impl BoardMonitor {
         let hot_from = if settings.ambient_hot > 0 { settings.ambient_hot } else { u16::MAX };
         let high_from =
             if settings.motor_battery_high > 0 { settings.motor_battery_high } else { u16::MAX };
-        // Which fault it is if the reading is from here up to there; there itself is past it.
-        let (fault, reading, from, to) = match self.turn & 7 {
-            0 => (
-                Fault::MotorBatteryLow,
-                motors,
-                settings.no_motor_battery,
-                settings.motor_battery_low,
-            ),
-            1 => (Fault::MotorBatteryHigh, motors, high_from, u16::MAX),
-            2 => (Fault::ServoBatteryLow, servos, settings.no_battery, settings.servo_battery_low),
-            3 => (Fault::MainBatteryLow, main, settings.no_battery, settings.main_battery_low),
-            4 => (Fault::DriverTooHot, driver_1, settings.no_driver, settings.driver_hot),
-            5 => (Fault::DriverTooHot, driver_2, settings.no_driver, settings.driver_hot),
-            6 => (Fault::AmbientTooHot, now.temperature, hot_from, settings.no_thermometer),
+        let check = usize::from(self.turn) % CHECKS.len();
+        // It is a fault if the reading is from here up to there; there itself is past it.
+        let (reading, from, to) = match check {
+            0 => (motors, settings.no_motor_battery, settings.motor_battery_low),
+            1 => (motors, high_from, u16::MAX),
+            2 => (servos, settings.no_battery, settings.servo_battery_low),
+            3 => (main, settings.no_battery, settings.main_battery_low),
+            4 => (driver_1, settings.no_driver, settings.driver_hot),
+            5 => (driver_2, settings.no_driver, settings.driver_hot),
+            6 => (now.temperature, hot_from, settings.no_thermometer),
             _ => {
                 return self
                     .is_late(settings)
                     .then_some((Fault::PeriodMissed, [self.latency_us, 0]));
             }
         };
-        let looks = self.looks.get_mut(usize::from(self.turn & 7))?;
+        let (looks, &fault) = (self.looks.get_mut(check)?, CHECKS.get(check)?);
         let is_wrong = from <= reading && reading < to;
         *looks = if is_wrong { looks.saturating_add(1) } else { 0 };
         let values = if fault == Fault::DriverTooHot { now.overheat } else { [reading, 0] };
-        (is_wrong && *looks > settings.lasts_ms >> LOOK_SHIFT).then_some((fault, values))
+        has_lasted(*looks, settings).then_some((fault, values))
+    }
+
+    /// Whether what makes this fault is there still: it has lasted, and was so when last looked at.
+    pub fn lasts(&self, fault: Fault, settings: &BoardFaultSettings) -> bool {
+        let mut checks = CHECKS.iter().zip(self.looks).filter(|&(of, _)| *of == fault);
+        match fault {
+            Fault::PeriodMissed => self.is_late(settings),
+            _ => checks.any(|(_, looks)| has_lasted(looks, settings)),
+        }
     }
 
     /// A control period has begun so late that it was missed.
@@ -77,4 +91,9 @@ impl BoardMonitor {
         let most = settings.missed_periods.saturating_mul(LATE - 1);
         most > 0 && self.lateness >= most
     }
+}
+
+/// Whether a reading has been wrong for long enough.
+fn has_lasted(looks: u16, settings: &BoardFaultSettings) -> bool {
+    looks > settings.lasts_ms >> LOOK_SHIFT
 }

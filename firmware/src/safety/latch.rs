@@ -18,8 +18,9 @@
 //! | fault | `trip`: what it stops forgets where it was going. And `drive`: whatever a channel is about, what is latched has no output |
 //! | clear | `apply`: [`ClearFaults`](crate::command::Command::ClearFaults) clears all. A resume (DID 30), which hosts of old know, clears before it resumes, and only what stops: of one channel that channel's, of all also the board's |
 //!
-//! Clearing moves nothing: a channel is then as a suspended one that has nowhere to go. A cause that
-//! is still there trips again with a new record: of a channel after its time, of the board at once.
+//! Clearing moves nothing: a channel is then as a suspended one that has nowhere to go. What the
+//! board suffers from still stays latched; the cause of a channel's fault trips again after its time,
+//! with a new record.
 //! Whether the host is there is [`link`](super::link)'s: its silence stops without a latch, and the
 //! next motion command goes. A task that hangs is `app`'s: outputs off, and back to boot.
 
@@ -140,20 +141,24 @@ impl Faults {
     }
 
     /// Clears what a host has asked for: all, or one DC channel's own. With `only_stops`, what
-    /// stops nothing stays on record.
-    pub fn clear(&mut self, scope: Scope, only_stops: bool) {
+    /// stops nothing stays on record. What of the board `lasts` stays latched: or a host that clears
+    /// again and again would drive in between.
+    pub fn clear(&mut self, scope: Scope, only_stops: bool, lasts: impl Fn(Fault) -> bool) {
         let stays = |fault, channel: Option<Channel>| match (scope, channel) {
+            (Scope::All, None) if lasts(fault) => true,
             (Scope::All, _) => only_stops && stops(fault) == Stops::Nothing,
             (Scope::Motor(of), Some(channel)) => of != channel,
             (Scope::Motor(_), None) | (Scope::Servo(_), _) => true,
         };
         match scope {
-            Scope::All => self.latched.channels = [0; CHANNELS],
+            Scope::All => {
+                self.latched.channels = [0; CHANNELS];
+                for &fault in Fault::ALL.iter().filter(|&&fault| !stays(fault, None)) {
+                    self.latched.board &= !board_bit(fault);
+                }
+            }
             Scope::Motor(channel) => self.latched.channels[channel.index()] = 0,
             Scope::Servo(_) => {}
-        }
-        if scope == Scope::All {
-            self.latched.board &= if only_stops { !Latched::MOTORS } else { 0 };
         }
         let all = core::mem::take(&mut self.records);
         self.kept = 0;
@@ -164,6 +169,15 @@ impl Faults {
         }
     }
 }
+
+// Every fault has a place.
+const _: () = {
+    let mut faults = Fault::ALL;
+    while let [fault, rest @ ..] = faults {
+        assert!(channel_bit(*fault) != 0 || board_bit(*fault) != 0);
+        faults = rest;
+    }
+};
 
 const fn channel_bit(fault: Fault) -> u8 {
     match 1_u8.checked_shl(fault.number() as u32) {

@@ -123,10 +123,19 @@ fn batteries_and_temperatures_out_of_bounds_for_a_second_stop_everything() {
                 }
                 (_, values) => assert_eq!(values, [wrong as i16, 0, 0], "{fault:?}"),
             }
-            // The cause is still there: it trips again, at once and without a twitch.
-            clear(&mut bench);
-            bench.run_alive_ms(50);
+            // The cause is still there, and so is the latch: nothing twitches, however often a host
+            // clears and drives.
+            for _ in 0..100 {
+                clear(&mut bench);
+                bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+                bench.drive(Quantity::Servo, 3, 3000, 0);
+                bench.run_alive_with(7, |bench| {
+                    assert_eq!((bench.bridge(0), bench.bridge(JOINT)), ((0, false), (0, false)));
+                    assert!(!servo_stops || bench.pulse(3).is_none(), "{fault:?}");
+                });
+            }
             assert_eq!(latched(&bench), [(fault, None)]);
+            assert_eq!(first_record(&mut bench), record, "the first time stands");
             off_until_cleared_and_then_runs_again(&mut bench, 0, clear);
             bench.drive(Quantity::Servo, 3, 3000, 0);
             bench.run_alive_ms(50);
@@ -263,4 +272,26 @@ fn control_periods_that_are_missed_are_counted_and_a_fault_when_they_persist() {
     clock::advance_to(Instant::now() + Duration::from_millis(500));
     bench.run_alive_ms(1000);
     assert_eq!((bench.bridge(0), latched(&bench)), ((8000, true), vec![]));
+}
+
+#[test]
+fn a_servo_that_a_fault_stopped_does_not_go_on_with_its_move() {
+    for clear in [by_clearing as fn(&mut Bench), by_resuming_all] {
+        let mut bench = driving(Settings::DEFAULT);
+        bench.drive(Quantity::Servo, 3, 5000, 3000);
+        bench.run_alive_ms(500);
+        let before = bench.pulse(3).expect("it moves");
+        assert!((2400..2600).contains(&before), "{before}");
+        change(&bench, |all| all.battery[2] = Some(1700));
+        bench.run_alive_ms(1200);
+        assert_eq!(bench.pulse(3), None);
+        change(&bench, |all| *all = Overrides::default());
+        bench.run_alive_ms(100);
+        clear(&mut bench);
+        by_resuming_all(&mut bench);
+        bench.run_alive_ms(100);
+        let after = bench.pulse(3).expect("resumed");
+        bench.run_alive_with(2000, |bench| assert_eq!(bench.pulse(3), Some(after), "it holds"));
+        assert!((3000..3800).contains(&after), "where the fault broke the move off: {after}");
+    }
 }
