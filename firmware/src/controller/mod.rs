@@ -12,6 +12,9 @@
 //! is refused, not at all, and a channel that a fault keeps off takes no part; the same commands
 //! and inputs give the same bits on every machine.
 
+mod shaft;
+mod snapshot;
+
 use core::array;
 
 use protocol::pms5005::extension::{Fault, FaultRecord};
@@ -20,124 +23,20 @@ use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 use crate::command::{ChannelConfiguration, Command, ENCODERS, Refused};
 use crate::control::axis::{Axis, Reading, scale};
 use crate::control::pid::Limits;
-use crate::control::potentiometer;
 use crate::control::servo::Servo;
-use crate::control::velocity::VelocityEstimator;
 use crate::fmt::warning;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{self, ChannelMonitor, Observed};
-use crate::safety::latch::{Faults, Latched};
+use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
 use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
+use shaft::{Shaft, angle};
+pub use snapshot::{ControlCounters, EncoderReading, ShownFault, Snapshot};
 
 /// An encoder that turns does so faster than this.
 const TURNS: CountsPerSecond = CountsPerSecond::const_from_int(256);
-
-/// What an encoder says.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct EncoderReading {
-    /// 0 to 32767.
-    pub count: u16,
-    /// Counts per second.
-    pub velocity: CountsPerSecond,
-}
-
-/// What the controller has counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ControlCounters {
-    /// Control periods since boot; wraps.
-    pub periods: u32,
-    /// Commands refused; wraps.
-    pub refused: u32,
-    /// Times the host fell silent; wraps.
-    pub links_lost: u32,
-    /// Control periods that began so late that they were missed; wraps.
-    pub periods_missed: u32,
-}
-
-/// The state of things after a period: what a personality may tell.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Snapshot {
-    /// What was measured for this period.
-    pub motion: MotionInputs,
-    /// The encoders on the protocol's scale.
-    pub encoders: [EncoderReading; ENCODERS],
-    /// The newest reading of the slow sensors.
-    pub sensors: Sensors,
-    /// What was driven in this period.
-    pub outputs: Outputs,
-    /// The host, once heard, is silent, or channels that it left running were stopped for that
-    /// and have not been commanded since.
-    pub link_loss: bool,
-    /// The collision protection forbids forward drive.
-    pub obstacle: bool,
-    /// Counters.
-    pub counters: ControlCounters,
-    /// The longest time so far, in microseconds, from the tick that begins a control period until
-    /// its outputs stood. The controller has no clock: whoever runs it fills this in.
-    pub worst_latency_us: u16,
-    /// The faults that are latched.
-    pub faults: Latched,
-    /// The record that [`Command::ShowFault`] asks for.
-    pub shown_fault: ShownFault,
-}
-
-/// A place in the list of fault records, and what stands there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ShownFault {
-    /// From 0, in the order in which they tripped.
-    pub place: u8,
-    /// Records that are kept.
-    pub total: u8,
-    /// `None` behind the last.
-    pub record: Option<FaultRecord>,
-}
-
-impl Snapshot {
-    /// Before the first period.
-    pub const BOOT: Self = Self {
-        motion: MotionInputs { potentiometers: [0; 6], currents: [0; 6], encoders: [0; 2] },
-        encoders: [EncoderReading { count: 0, velocity: CountsPerSecond::ZERO }; ENCODERS],
-        sensors: Sensors::UNKNOWN,
-        outputs: Outputs {
-            motors: [crate::ports::MotorOutput {
-                duty: crate::units::Duty::NEUTRAL,
-                enabled: false,
-            }; CHANNELS],
-            servos: [None; CHANNELS],
-            gpio: 0,
-        },
-        link_loss: false,
-        obstacle: false,
-        worst_latency_us: 0,
-        faults: Latched::NONE,
-        shown_fault: ShownFault { place: 0, total: 0, record: None },
-        counters: ControlCounters { periods: 0, refused: 0, links_lost: 0, periods_missed: 0 },
-    };
-}
-
-/// A sensor's position and the estimate of its velocity.
-#[derive(Clone, Copy, Debug, Default)]
-struct Shaft {
-    reading: Reading,
-    estimator: VelocityEstimator,
-    known: bool,
-}
-
-impl Shaft {
-    fn update(&mut self, position: Counts, scale: crate::control::ring::Scale) -> Reading {
-        let moved = if self.known {
-            scale.difference(position, self.reading.position)
-        } else {
-            Counts::ZERO
-        };
-        self.known = true;
-        self.reading = Reading { position, velocity: self.estimator.update(moved) };
-        self.reading
-    }
-}
 
 /// The controller's state.
 pub struct Controller {
@@ -519,18 +418,5 @@ impl Controller {
         let reading = self.reading_by(channel, sensor);
         self.axes[i].set_sensor(sensor, chosen, reading);
         self.axes[i].set_full_speed(self.settings.full_speed(sensor));
-    }
-}
-
-/// What the potentiometers say of a channel; `None` if it uses its encoder.
-fn angle(channel: Channel, sensor: Sensor, motion: &MotionInputs) -> Option<Counts> {
-    let pots = &motion.potentiometers;
-    match sensor {
-        Sensor::Encoder => None,
-        Sensor::SinglePotentiometer => pots.get(channel.index()).map(|&p| Counts::from(p)),
-        Sensor::DualPotentiometer => {
-            let (first, second) = *potentiometer::PAIRS.get(channel.index())?;
-            Some(potentiometer::angle(*pots.get(first)?, *pots.get(second)?))
-        }
     }
 }

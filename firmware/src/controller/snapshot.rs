@@ -1,0 +1,89 @@
+//! What a personality may tell of the controller: the state of things after a period.
+
+use protocol::pms5005::CHANNELS;
+use protocol::pms5005::extension::FaultRecord;
+
+use crate::command::ENCODERS;
+use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
+use crate::safety::latch::Latched;
+use crate::units::{CountsPerSecond, Duty};
+
+/// What an encoder says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EncoderReading {
+    /// 0 to 32767.
+    pub count: u16,
+    /// Counts per second.
+    pub velocity: CountsPerSecond,
+}
+
+/// What the controller has counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ControlCounters {
+    /// Control periods since boot; wraps.
+    pub periods: u32,
+    /// Commands refused; wraps.
+    pub refused: u32,
+    /// Times the host fell silent; wraps.
+    pub links_lost: u32,
+    /// Control periods that began so late that they were missed; wraps.
+    pub periods_missed: u32,
+}
+
+/// The state of things after a period: what a personality may tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Snapshot {
+    /// What was measured for this period.
+    pub motion: MotionInputs,
+    /// The encoders on the protocol's scale.
+    pub encoders: [EncoderReading; ENCODERS],
+    /// The newest reading of the slow sensors.
+    pub sensors: Sensors,
+    /// What was driven in this period.
+    pub outputs: Outputs,
+    /// The host, once heard, is silent, or channels that it left running were stopped for that
+    /// and have not been commanded since.
+    pub link_loss: bool,
+    /// The collision protection forbids forward drive.
+    pub obstacle: bool,
+    /// Counters.
+    pub counters: ControlCounters,
+    /// The longest time so far, in microseconds, from the tick that begins a control period until
+    /// its outputs stood. The controller has no clock: whoever runs it fills this in.
+    pub worst_latency_us: u16,
+    /// The faults that are latched.
+    pub faults: Latched,
+    /// The record that [`Command::ShowFault`](crate::command::Command::ShowFault) asks for.
+    pub shown_fault: ShownFault,
+}
+
+/// A place in the list of fault records, and what stands there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShownFault {
+    /// From 0, in the order in which they tripped.
+    pub place: u8,
+    /// Records that are kept.
+    pub total: u8,
+    /// `None` behind the last.
+    pub record: Option<FaultRecord>,
+}
+
+impl Snapshot {
+    /// Before the first period.
+    pub const BOOT: Self = Self {
+        motion: MotionInputs { potentiometers: [0; 6], currents: [0; 6], encoders: [0; 2] },
+        encoders: [EncoderReading { count: 0, velocity: CountsPerSecond::ZERO }; ENCODERS],
+        sensors: Sensors::UNKNOWN,
+        outputs: Outputs {
+            motors: [MotorOutput { duty: Duty::NEUTRAL, enabled: false }; CHANNELS],
+            servos: [None; CHANNELS],
+            gpio: 0,
+        },
+        link_loss: false,
+        obstacle: false,
+        worst_latency_us: 0,
+        faults: Latched::NONE,
+        shown_fault: ShownFault { place: 0, total: 0, record: None },
+        counters: ControlCounters { periods: 0, refused: 0, links_lost: 0, periods_missed: 0 },
+    };
+}
