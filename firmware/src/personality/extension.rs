@@ -102,6 +102,11 @@ impl Extension {
         &self.settings
     }
 
+    /// Whether the board is doing upkeep, and carries out no command until it is done.
+    pub(super) fn is_busy(&self) -> bool {
+        self.upkeep.is_some()
+    }
+
     /// Whether an answer waits.
     pub(super) fn owes(&self) -> bool {
         !self.owed.is_empty()
