@@ -80,7 +80,7 @@ pub struct PioneerArm {
 
 /// What a session owes its host.
 struct Answers {
-    /// What the settings were at the start.
+    /// What the settings were at the start, or what goes before them.
     dialect: Dialect,
     arm: Arm,
     extension: Extension,
@@ -126,6 +126,13 @@ impl PioneerArm {
                 counters: ArmCounters::default(),
             },
         }
+    }
+
+    /// The same session, but it tells the arm's state in this dialect, whatever the settings say.
+    /// They stay as they are, and so are saved.
+    pub fn with_dialect(mut self, dialect: Dialect) -> Self {
+        self.answers.dialect = dialect;
+        self
     }
 }
 
