@@ -1,7 +1,8 @@
 //! How close the CM-5's loop of work comes to what its servo bus allows.
 //!
-//! The limit (facts): of each servo a request of 8 bytes, its answer of 14, the return delay of 2 us
-//! and its own latency tau; then two SYNC_WRITEs of 8 bytes and 13, 4 bytes a servo; 10 us a byte.
+//! The limit (facts): of each servo a request of 8 bytes, its answer of 14, the return delay of 2
+//! us and its own latency tau; then two SYNC_WRITEs of 8 bytes and 13, 4 bytes a servo; 10 us a
+//! byte.
 //! `cargo bench -p hal-mock --bench bridge` prints cycles a second and their share of the limit
 //! for 6, 10 and 18 servos, tau 0 and 22 us, over 30 s of virtual time with the watch for new
 //! servos on and a PC that sends goals 100 times a second. It fails below 0.95, and above 1.

@@ -95,8 +95,8 @@ impl VirtualBoard {
 }
 
 impl<S: Session + 'static> VirtualBoard<S> {
-    /// A board that has just been switched on, with what this flash holds and a session made at each
-    /// start.
+    /// A board that has just been switched on, with what this flash holds and a session made at
+    /// each start.
     pub fn with_session(
         make: Make,
         flash: Flash,

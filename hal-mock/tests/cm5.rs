@@ -1,5 +1,5 @@
-//! `virtual-board cm5` as a PC finds it, over TCP, in real time; the simulated truth behind it comes
-//! from the inspector.
+//! `virtual-board cm5` as a PC finds it, over TCP, in real time; the simulated truth behind it
+//! comes from the inspector.
 #![cfg(unix)]
 
 use std::io::{BufRead, BufReader, Read, Write};

@@ -253,7 +253,14 @@ fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_the
         let board = Board::start(options);
         let mut host = over_tcp(&board);
         assert_eq!(host.until(|_| true)[..4], status);
+        // A save keeps what was stored, whatever the command line says.
+        let save = Request::Do(Action::Save);
+        host.stream.write_all(extension::encode_request(&save, &mut [0; 40]).unwrap()).unwrap();
+        assert_eq!(host.receive(101)[2], Verdict::Done.code());
     }
+    let board = Board::start(&["--settings", path]);
+    assert_eq!(over_tcp(&board).until(|_| true)[..4], [0, 0b0011, 127, 90]);
+    drop(board);
     std::fs::remove_file(file).unwrap();
 }
 

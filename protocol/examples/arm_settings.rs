@@ -1,7 +1,7 @@
 //! Shows the settings of a Pioneer Arm's board, or sets and saves some: start the virtual arm
 //! (`cargo run --release -p hal-mock -- pioneer-arm --settings FILE`), then `cargo run -p protocol
-//! --example arm_settings [NUMBER VALUE]...`. An arm with servo power refuses to save them; those of
-//! its joints are in force from the next start on.
+//! --example arm_settings [NUMBER VALUE]...`. An arm with servo power refuses to save them; those
+//! of its joints are in force from the next start on.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;

@@ -267,7 +267,8 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     /// Judges candidates from this place on until one is a frame, or more bytes are needed: whether
     /// a frame is found. With `silent`, a candidate that needs more bytes is rejected.
     ///
-    /// What is held moves once, however many are rejected: a false start may hold one at every byte.
+    /// What is held moves once, however many are rejected: a false start may hold one at every
+    /// byte.
     #[cold]
     fn decide(&mut self, mut front: usize, silent: bool) -> bool {
         let (mut found, mut needed) = (0, 1);

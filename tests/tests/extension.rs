@@ -315,6 +315,21 @@ fn what_is_saved_survives_a_reboot_and_what_is_not_does_not() {
 }
 
 #[test]
+fn settings_set_while_a_factory_reset_is_pending_are_refused_and_not_lost() {
+    let mut bench = Bench::quiet();
+    bench.send_raw(did::PARAMETERS, &[Action::FactoryReset.number()]);
+    bench.send_raw(did::PARAMETERS, &assign(&[(32, 77)]));
+    bench.run_ms(50);
+    let told: Vec<_> =
+        bench.received().into_iter().filter(|frame| frame.did == 101).map(|f| f.data).collect();
+    let busy = Verdict::Busy.code();
+    assert_eq!(told, [[7, 0x80, busy, 0, 0], [7, 0x83, Verdict::Done.code(), 0, 0]]);
+    assert_eq!((value(&mut bench, 32), bench.board.link().refused), (50, 1));
+    assert_eq!(set(&mut bench, &[(32, 77)]), (Verdict::Done, 0));
+    assert_eq!(value(&mut bench, 32), 77);
+}
+
+#[test]
 fn a_board_that_drives_anything_is_not_saved_reset_or_rebooted() {
     let flash = Flash::empty();
     let mut bench = with_flash(&flash);
@@ -460,4 +475,21 @@ fn requests_faster_than_the_line_are_bounded_and_starve_nobody() {
     assert!(link.answers_dropped > 0);
     assert_eq!(link.answers_sent + link.answers_dropped, 200);
     assert_eq!(bench.acks(), 201);
+}
+
+#[test]
+fn a_fault_that_is_asked_for_in_a_crowd_is_told_when_there_is_room_and_counted_once() {
+    let mut bench = Bench::quiet();
+    for k in 0..60 {
+        bench.send_raw(96, &[32, 0]);
+        if k == 20 {
+            bench.send_raw(100, &[0]);
+        }
+    }
+    bench.run_ms(1000);
+    let frames = bench.received();
+    assert_eq!(frames.iter().filter(|frame| frame.did == 100).count(), 1);
+    let link = bench.board.link();
+    assert!(link.answers_dropped > 0);
+    assert_eq!(link.answers_sent + link.answers_dropped, 61);
 }

@@ -46,8 +46,8 @@ fn save_until(mut last: impl FnMut(&Flash) -> bool) -> (Flash, u32) {
     unreachable!()
 }
 
-/// Cuts the power at every byte of saving `n + 1` after `n`, and behind each `stride`th of these cuts
-/// at each `stride`th byte of the boot too. Answers how many bytes the save took.
+/// Cuts the power at every byte of saving `n + 1` after `n`, and behind each `stride`th of these
+/// cuts at each `stride`th byte of the boot too. Answers how many bytes the save took.
 fn cut_everywhere(before: &Flash, n: u32, stride: usize) -> usize {
     for torn in [false, true] {
         for cut in 0.. {
@@ -183,6 +183,25 @@ fn a_foreign_flash_means_defaults_and_a_fault_and_can_be_used() {
         assert_eq!(load(&flash), (Settings::DEFAULT, Origin::Corrupt), "image {i}");
         save(&flash, 7).unwrap_or_else(|_| panic!("image {i} cannot be used"));
         assert_eq!(load(&flash), (settings(7), Origin::Stored), "image {i}");
+    }
+}
+
+#[test]
+fn a_save_works_at_once_whatever_part_of_a_sector_has_become_blank() {
+    for n in [3, 20, 40, 70, 90] {
+        let flash = Flash::empty();
+        (1..=n).for_each(|n| save(&flash, n).unwrap());
+        let image = flash.image();
+        for from in (0..SIZE).step_by(SECTOR / 16) {
+            for count in [8, 100, RECORD, 5000, SECTOR] {
+                let mut image = image.clone();
+                image[from..].iter_mut().take(count).for_each(|byte| *byte = 0xFF);
+                let flash = Flash::with(&image);
+                let what = format!("{n} records, {count} bytes from {from}");
+                save(&flash, n + 1).unwrap_or_else(|_| panic!("{what}: not saved"));
+                assert_eq!(load(&flash), (settings(n + 1), Origin::Stored), "{what}");
+            }
+        }
     }
 }
 

@@ -9,8 +9,8 @@
 //! Three loops share the bridge, and none of them waits for another. A fourth feeds the watchdog as
 //! long as all of them, and itself, come round ([`Presence`]).
 //!
-//! A bridge has no outputs of its own: when one of its loops hangs nobody can be switched off, since
-//! an AX-12 listens to nothing but its bus. What holds then:
+//! A bridge has no outputs of its own: when one of its loops hangs nobody can be switched off,
+//! since an AX-12 listens to nothing but its bus. What holds then:
 //!
 //! | hangs | until the reset, within 500 ms | from the reset on |
 //! |---|---|---|

@@ -4,8 +4,8 @@
 //! The core stands still when it fetches from a flash that is at work: for 16 us (100 at the most)
 //! a word, for 250 ms (500 at the most) an erase, with 32 bits at a time, which take a supply of
 //! 2.7 V. embassy's clock cannot bear to miss its interrupts for more than 65 ms, and would run
-//! backwards later on; so it is stopped for an erase, and uptime is that much behind. Control, which
-//! waits for it, is not missed meanwhile.
+//! backwards later on; so it is stopped for an erase, and uptime is that much behind. Control,
+//! which waits for it, is not missed meanwhile.
 //!
 //! Why not embassy's driver: it erases 8 bits at a time, which takes up to 800 ms, and leaves what
 //! was erased in the data cache (RM0090 section 3.6.4, and the data sheet's times).

@@ -6,12 +6,12 @@
 //! misses the heart it panics, and so the outputs are safe, nothing else runs any more, and the
 //! watchdog bites.
 //!
-//! Promise: the outputs are safe 60 to 80 ms after control has driven for the last time, wherever it
-//! is but in a critical section. Those hold up SysTick, and embassy's interrupt handlers are as high
-//! as it; a loop in one of these is ended by the watchdog alone.
+//! Promise: the outputs are safe 60 to 80 ms after control has driven for the last time, wherever
+//! it is but in a critical section. Those hold up SysTick, and embassy's interrupt handlers are as
+//! high as it; a loop in one of these is ended by the watchdog alone.
 //!
-//! Nothing is missed before the first beat: until then nothing is driven. While a debugger halts the
-//! core SysTick stands still, and so does embassy's clock, by which control beats.
+//! Nothing is missed before the first beat: until then nothing is driven. While a debugger halts
+//! the core SysTick stands still, and so does embassy's clock, by which control beats.
 
 use core::sync::atomic::{AtomicU8, Ordering};
 
@@ -54,7 +54,8 @@ pub(super) fn unheard<T>(stall: impl FnOnce() -> T) -> T {
 }
 
 fn systick() -> SYST {
-    // SAFETY: nobody else uses SysTick but embassy's clock under QEMU, which lets it go once it runs.
+    // SAFETY: nobody else uses SysTick but embassy's clock under QEMU, which lets it go once it
+    // runs.
     unsafe { cortex_m::Peripherals::steal() }.SYST
 }
 

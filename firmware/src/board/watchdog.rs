@@ -26,9 +26,9 @@ const fn reload(period: Duration) -> u16 {
 const USUAL: u16 = reload(WATCHDOG_PERIOD);
 const ERASING: u16 = reload(ERASE_PERIOD);
 
-/// Looks at whether a new period has been taken over. That takes five of the counter's cycles, 2.4
-/// ms of the slowest LSI, and a look 20 cycles of the core. There are more, but they end: an LSI
-/// that stands still bites nobody.
+/// Looks at whether a new period has been taken over, until when another one is ignored. That takes
+/// five of the counter's cycles, 2.4 ms of the slowest LSI, and a look 20 cycles of the core. There
+/// are more, but they end: an LSI that stands still bites nobody.
 const LOOKS: u32 = 50_000;
 
 /// The watchdog that runs. All handles are to the same one.
@@ -62,14 +62,20 @@ impl Watchdog {
     }
 
     fn feed_for(self, counts: u16) {
+        wait(); // for the one that an erase just before has given back
         set_reload(counts);
-        for _ in 0..LOOKS {
-            let status = IWDG.sr().read();
-            if !status.pvu() && !status.rvu() {
-                break;
-            }
-        }
+        wait();
         IWDG.kr().write(|w| w.set_key(Key::RESET));
+    }
+}
+
+/// Until what was written before is in force.
+fn wait() {
+    for _ in 0..LOOKS {
+        let status = IWDG.sr().read();
+        if !status.pvu() && !status.rvu() {
+            break;
+        }
     }
 }
 

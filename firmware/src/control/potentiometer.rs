@@ -1,9 +1,9 @@
 //! One angle from two potentiometers (sensor 01 of sub-command 0D).
 //!
 //! A potentiometer spans 333 degrees in 0 to 4095; the other 27 degrees are its dead zone, where
-//! its reading says nothing; the hardware pulls the open wiper to an end. Two of them on one shaft, mounted half a turn (2214 counts) apart,
-//! are never both there. The angle is on the first one's scale: 0 to 4427, where 4096 to 4427 is
-//! its dead zone.
+//! its reading says nothing; the hardware pulls the open wiper to an end. Two of them on one shaft,
+//! mounted half a turn (2214 counts) apart, are never both there. The angle is on the first one's
+//! scale: 0 to 4427, where 4096 to 4427 is its dead zone.
 
 use super::ring::Scale;
 use crate::units::Counts;

@@ -102,6 +102,11 @@ impl Extension {
         &self.settings
     }
 
+    /// Whether the board is doing upkeep, and carries out no command until it is done.
+    pub(super) fn is_busy(&self) -> bool {
+        self.upkeep.is_some()
+    }
+
     /// Whether an answer waits.
     pub(super) fn owes(&self) -> bool {
         !self.owed.is_empty()
@@ -129,14 +134,15 @@ impl Extension {
         (!self.owed.iter().any(is_waiting)).then_some(at)
     }
 
-    /// What a snapshot has an answer to.
+    /// What a snapshot has an answer to, as soon as there is room for it.
     pub(super) fn look(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Owed> {
         if self.looks_at()? > now {
             return None;
         }
         let (place, at) = self.asked_fault.as_mut()?;
         *at = now.saturating_add(RECORD_SHOWN);
-        (snapshot.shown_fault.place == *place).then_some(Owed::Fault(*place))
+        let is_told = snapshot.shown_fault.place == *place && !self.owed.is_full();
+        is_told.then_some(Owed::Fault(*place))
     }
 
     /// Notes an answer; whether there was room for it.
@@ -175,9 +181,12 @@ impl Extension {
         }
     }
 
-    /// Sets all of them or none.
+    /// Sets all of them or none. None while a factory reset is pending, which would undo them.
     fn set(&mut self, assignments: Assignments<'_>) -> Owed {
         let outcome = Outcome::of(did::PARAMETERS, assignments.as_bytes(), Verdict::Done);
+        if self.upkeep == Some(Action::FactoryReset) {
+            return Owed::Outcome(Outcome { verdict: Verdict::Busy, ..outcome });
+        }
         let mut settings = self.settings;
         let set = assignments
             .iter()
@@ -278,7 +287,8 @@ impl Extension {
     }
 }
 
-/// Milliseconds of a time; wraps. By long division, since a division of 64 bits takes an image 0.4 KB.
+/// Milliseconds of a time; wraps. By long division, since a division of 64 bits takes an image
+/// 0.4 KB.
 fn milliseconds(time: Duration) -> u32 {
     let us = time.as_micros();
     let digits = [us >> 48, us >> 32, us >> 16, us].map(|digits| digits as u16);

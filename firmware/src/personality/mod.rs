@@ -22,8 +22,8 @@ use crate::settings::Settings;
 pub use extension::Boot;
 pub use reception::{LONGEST_FRAME, LONGEST_PAUSE, TimedReceiver};
 
-/// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task that
-/// is silent for more than 90 counts as hung (`app`).
+/// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task
+/// that is silent for more than 90 counts as hung (`app`).
 pub const MAX_FRAME: usize = 84;
 
 /// What a host asks of the board.

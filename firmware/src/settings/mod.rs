@@ -96,8 +96,8 @@ pub struct ChannelFaultSettings {
     pub over_current_ms: u16,
     /// A channel is driven at this duty or more, in 1/16384; default 8192.
     pub driven: u16,
-    /// At full drive a shaft that is held fast draws this many A/D counts or more, and in proportion
-    /// at less; default 728, which is 1 A.
+    /// At full drive a shaft that is held fast draws this many A/D counts or more, and in
+    /// proportion at less; default 728, which is 1 A.
     pub stall_current: u16,
     /// How long a shaft may be held fast while it is driven; 0 for ever. Default 6000: wheels push
     /// against a wall for a while, and nothing runs away.
@@ -257,8 +257,8 @@ pub struct LinkSettings {
 ///
 /// The original's joint values are in no document that is left. The defaults are ours: every joint
 /// has its home and its centre at 127, and with 140 ticks to 90 degrees the whole byte is 0.59 to
-/// 2.41 ms of pulse (82 degrees either way), within the 0.5 to 2.5 ms that hobby servos bear. A tick
-/// is 7 us. Another calibration is held only to what the board gives, 0.22 to 3.11 ms.
+/// 2.41 ms of pulse (82 degrees either way), within the 0.5 to 2.5 ms that hobby servos bear. A
+/// tick is 7 us. Another calibration is held only to what the board gives, 0.22 to 3.11 ms.
 ///
 /// All of them are in force from the start on; what a host sets waits for the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use protocol::pms5005::extension::Description;
 
-use super::table::{Row, TABLE};
+use super::table::{Row, TABLE, row};
 use super::{Settings, joint_pulse};
 use crate::units::ServoPulse;
 
@@ -17,6 +17,14 @@ pub enum SettingRefused {
     /// This setting contradicts another.
     Contradiction(u16),
 }
+
+// The rows that may contradict others.
+const SONAR_CLEAR: &Row = row("sonar clear");
+const INFRARED_CLEAR: &Row = row("infrared clear");
+const SOFT_LIMIT_HIGH: &Row = row("soft limit high");
+const JOINT_HOME: &Row = row("joint home");
+const JOINT_MAX: &Row = row("joint max");
+const JOINT_TICKS_PER_90: &Row = row("joint ticks per 90");
 
 /// The row of a setting, and its place there.
 fn find(number: u16) -> Option<(&'static Row, usize)> {
@@ -51,31 +59,32 @@ impl Settings {
     /// # Errors
     /// [`SettingRefused::Contradiction`] names the first that does not.
     pub fn check(&self) -> Result<(), SettingRefused> {
+        let contradiction = |row: &Row, n| Err(SettingRefused::Contradiction(row.number(n)));
         let collision = &self.control.collision;
         if collision.sonar_clear_cm < collision.sonar_stop_cm {
-            return Err(SettingRefused::Contradiction(17));
+            return contradiction(SONAR_CLEAR, 0);
         }
         if collision.ir_clear > collision.ir_stop {
-            return Err(SettingRefused::Contradiction(19));
+            return contradiction(INFRARED_CLEAR, 0);
         }
-        for (number, soft) in (81..).step_by(2).zip(&self.control.soft_limits) {
+        for (n, soft) in self.control.soft_limits.iter().enumerate() {
             if soft.high < soft.low {
-                return Err(SettingRefused::Contradiction(number));
+                return contradiction(SOFT_LIMIT_HIGH, n);
             }
         }
-        for (first, joint) in (128..).step_by(8).zip(&self.arm.joints) {
+        for (n, joint) in self.arm.joints.iter().enumerate() {
             let is_given = |ticks| {
                 let pulse = joint_pulse(joint, ticks);
                 i32::from(ServoPulse::from_raw(pulse).raw()) == pulse
             };
             if joint.max < joint.min {
-                return Err(SettingRefused::Contradiction(first + 4));
+                return contradiction(JOINT_MAX, n);
             }
             if !(joint.min..=joint.max).contains(&joint.home) {
-                return Err(SettingRefused::Contradiction(first + 1));
+                return contradiction(JOINT_HOME, n);
             }
             if !is_given(joint.min) || !is_given(joint.max) {
-                return Err(SettingRefused::Contradiction(first + 5));
+                return contradiction(JOINT_TICKS_PER_90, n);
             }
         }
         Ok(())
@@ -180,7 +189,8 @@ mod tests {
         assert_eq!(contradiction(&[(19, 1679), (18, 1679)]), None);
         assert_eq!(contradiction(&[(84, 1000)]), refused(85));
         assert_eq!(contradiction(&[(84, 1000), (85, 1000)]), None);
-        // Joint 2: home beyond its ends, ends the wrong way round, pulses that the board cannot give.
+        // Joint 2: home beyond its ends, ends the wrong way round, pulses that the board cannot
+        // give.
         assert_eq!(contradiction(&[(138, 128)]), refused(137));
         assert_eq!(contradiction(&[(138, 127)]), None);
         assert_eq!(contradiction(&[(140, 126)]), refused(137));

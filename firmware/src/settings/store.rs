@@ -1,13 +1,14 @@
 //! Settings that survive: a log of records in flash, of which the last good one counts.
 //!
-//! Vocabulary: a *record* is all [numbered](super::table) settings as one item of `sequential-storage`'s map, whose CRC-32
-//! covers every byte of it; a *sector* is what is erased at once.
+//! Vocabulary: a *record* is all [numbered](super::table) settings as one item of
+//! `sequential-storage`'s map, whose CRC-32 covers every byte of it; a *sector* is what is erased
+//! at once.
 //!
 //! Promises, whenever power is lost (`hal-mock`'s tests try every byte of a save and of an erase):
 //! - the next boot has what was saved before or what was being saved, whole;
 //! - flash that is empty, torn or foreign means defaults, and [`Origin`] says which it was;
-//! - a save erases one sector at the most, and none in all but one of some dozens of saves: a record
-//!   is appended to its sector, and the next sector was erased when this one was begun. Only
+//! - a save erases one sector at the most, and none in all but one of some dozens of saves: a
+//!   record is appended to its sector, and the next sector was erased when this one was begun. Only
 //!   damaged flash takes more.
 //!
 //! The flash blocks, and so does everything here: nothing awaits, and `block_on` never waits.
@@ -76,7 +77,8 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`SaveFailed`]: the flash does not take them.
     pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
-        if self.append(settings, &mut feed) {
+        // In damaged flash the first try may only mend the map.
+        if self.append(settings, &mut feed) || self.append(settings, &mut feed) {
             return Ok(());
         }
         // Nothing readable is lost: while there was a record, the map took another one.

@@ -103,10 +103,10 @@ macro_rules! settings {
         $field:expr;)+) => {
         /// How many settings there are.
         ///
-        /// An n is a channel, 0 to 5, or a joint, 1 to 6, and stands behind the name. All but an arm's
-        /// (from 112 on) take effect in the control period after they were set; what a host has sent
-        /// before (gains, say) stays as it was read then. An arm's take effect with the next start, so
-        /// that no joint jumps: save them, and reboot.
+        /// An n is a channel, 0 to 5, or a joint, 1 to 6, and stands behind the name. All but an
+        /// arm's (from 112 on) take effect in the control period after they were set; what a host
+        /// has sent before (gains, say) stays as it was read then. An arm's take effect with the
+        /// next start, so that no joint jumps: save them, and reboot.
         ///
         /// | number | name | unit | range | default | what it is |
         /// |---|---|---|---|---|---|
@@ -138,6 +138,27 @@ const fn count(mut rows: &[Row]) -> usize {
         rows = rest;
     }
     count
+}
+
+/// The row of this name, which must be there when it is compiled.
+pub(super) const fn row(name: &str) -> &'static Row {
+    let mut rows = TABLE;
+    while let [row, rest @ ..] = rows {
+        if is_same(row.name.as_bytes(), name.as_bytes()) {
+            return row;
+        }
+        rows = rest;
+    }
+    panic!("no setting has this name")
+}
+
+const fn is_same(mut one: &[u8], mut other: &[u8]) -> bool {
+    while let ([a, one_rest @ ..], [b, other_rest @ ..]) = (one, other)
+        && *a == *b
+    {
+        (one, other) = (one_rest, other_rest);
+    }
+    one.is_empty() && other.is_empty()
 }
 
 settings! {

@@ -18,8 +18,8 @@
 //! - 100 ms without a byte end an instruction that is not complete.
 //!
 //! Of all broadcasts only a PING is answered, by every servo at once. An instruction whose checksum
-//! is wrong is answered with that error by the servo that it names. Servos hear only the master here: a real one hears
-//! the others' answers too, and skips them.
+//! is wrong is answered with that error by the servo that it names. Servos hear only the master
+//! here: a real one hears the others' answers too, and skips them.
 
 mod end;
 
@@ -166,7 +166,8 @@ impl ServoBus {
         self.make.faults = faults;
     }
 
-    /// Pulls a servo's plug: from now on it says nothing. Its RAM is lost, see [`plug`](Self::plug).
+    /// Pulls a servo's plug: from now on it says nothing. Its RAM is lost, see
+    /// [`plug`](Self::plug).
     pub fn unplug(&mut self, index: usize) {
         let socket = &mut self.sockets[index];
         socket.plugged = false;
@@ -319,7 +320,8 @@ impl Byte {
 }
 
 impl Socket {
-    /// A byte of the master: `value` is what came of it. Answers the packet that the servo will send.
+    /// A byte of the master: `value` is what came of it. Answers the packet that the servo will
+    /// send.
     fn hear(&mut self, byte: Byte, value: u8) -> Option<Vec<u8>> {
         if !self.plugged || byte.start_ns < self.busy_ns {
             self.receiver = Deframer::new();

@@ -2,8 +2,9 @@
 //!
 //! It is the PMS5005's [extension](crate::pms5005::extension) in ARCOS packets, off ARCOS's map: a
 //! host that never sends one sees an original. Requests and answers, their bytes, verdicts and
-//! units are those of Tables E.1 and E.2 there; only what is around them differs. A request counts
-//! in an open session only, has one answer, and is a sign of life, but no arm command.
+//! units are those of Tables E.1 and E.2 there, and so is when one is busy or finds no room; only
+//! what is around them differs. A request counts in an open session only, and is a sign of life,
+//! but no arm command. It has one answer; health (98) comes at once, and then once a cycle.
 //!
 //! | command | argument: `2B`, length, and these bytes | answer: packet |
 //! |---|---|---|

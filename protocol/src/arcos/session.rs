@@ -3,9 +3,9 @@
 //! Before a session a host sends SYNC0, SYNC1 and SYNC2 and waits for the answer to each; then
 //! OPEN. PULSE keeps an idle session alive, CLOSE ends it. The numbers of both sets are the same:
 //! only where the session stands tells SYNC1 from an OPEN without argument. So a host that finds a
-//! session of its predecessor open cannot synchronise: its SYNC0 is a PULSE, its SYNC2 a CLOSE. When
-//! standard packets come instead of the answer to SYNC0, it sends CLOSE and begins again. Source:
-//! facts, "Session".
+//! session of its predecessor open cannot synchronise: its SYNC0 is a PULSE, its SYNC2 a CLOSE.
+//! When standard packets come instead of the answer to SYNC0, it sends CLOSE and begins again.
+//! Source: facts, "Session".
 
 use super::packet::{Data, EncodeError, Packet, append, append_text, take_text};
 

@@ -3,8 +3,9 @@
 //! (`cargo bench -p cost`).
 //!
 //! Vocabulary: a *case* is one piece of work with a name, `subject/who`; a *peer* is somebody
-//! else's way to do it, or the ordinary way; a *floor* is the least that the machine allows, written
-//! by hand and of no other use. Where a peer does less than ours, its documentation says so.
+//! else's way to do it, or the ordinary way; a *floor* is the least that the machine allows,
+//! written by hand and of no other use. Where a peer does less than ours, its documentation says
+//! so.
 //!
 //! - [`pid`]: six channels of the controller's kernel;
 //! - [`tick`]: the whole controller, one period;

@@ -142,8 +142,9 @@ proptest! {
 #[test]
 fn every_bit_flip_and_every_truncation_is_rejected_and_the_next_packet_is_found() {
     let good = packet(&[0x5E; 7]);
-    // Lengths whose last two bits are set. One that grows by 1 or 2 takes in FF or FF FF of the next
-    // packet, and the sum is right again: no receiver can tell, only silence between them helps.
+    // Lengths whose last two bits are set. One that grows by 1 or 2 takes in FF or FF FF of the
+    // next packet, and the sum is right again: no receiver can tell, only silence between them
+    // helps.
     let examples = [packet(&[2, 1, 2]), packet(&[0xFE; 15]), packet(&[7; 303])];
     for example in examples {
         let flips = (0..example.len() * 8).map(|bit| {

@@ -1,5 +1,6 @@
 //! Loops of the bridge that hang, one after the other: the watchdog starves and starts the bridge
-//! again, and what the servos do meanwhile. Nobody can switch them off: they hear nothing but the bus.
+//! again, and what the servos do meanwhile. Nobody can switch them off: they hear nothing but the
+//! bus.
 
 use super::*;
 use hal_mock::cm5_board::Task;

@@ -2,13 +2,18 @@
 //! `protocol::arcos::extension`, and what comes of each request.
 
 use super::*;
+use firmware::command::Command;
+use firmware::controller::Snapshot;
+use firmware::personality::{Boot, Request as Asked, Session};
+use firmware::settings::Settings;
+use firmware::units::ServoPulse;
 use hal_mock::flash::Flash;
 use protocol::arcos::{ArmInfo, extension};
 use protocol::pms5005::extension::{
     Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Request, ResetCause,
     Verdict,
 };
-use protocol::pms5005::{Data, Repeat};
+use protocol::pms5005::{Data, Repeat, Scope};
 
 /// The numbers of joint 1's home, lowest and highest position.
 const HOME: u16 = 129;
@@ -281,6 +286,77 @@ fn a_fault_is_told_with_its_values_and_can_be_cleared_but_the_arm_still_needs_in
     host.send(ArmCommand::Power(true));
     host.run_ms(5);
     assert_eq!(host.pulses(), AT_HOME);
+}
+
+#[test]
+fn a_trip_that_is_cleared_before_the_arm_looks_has_taken_the_power_all_the_same() {
+    for phase in 0..20 {
+        let mut host = Host::powered();
+        host.run_alive_ms(phase);
+        host.board.plant.borrow_mut().overrides.battery[2] = Some(1700);
+        // A host that clears in every period, from before the trip until its cause is gone.
+        for ms in 0..1200 {
+            if ms == 1050 {
+                host.board.plant.borrow_mut().overrides.battery[2] = None;
+            }
+            if ms >= 950 {
+                host.send_bytes(&written(Request::Do(Action::ClearFaults)));
+            }
+            host.run_alive_ms(1);
+        }
+        assert_eq!(host.pulses(), NO_PULSES, "it has tripped");
+        assert!(host.board.snapshot().faults.iter().next().is_none(), "and was cleared");
+        host.go(2, 200);
+        host.run_alive_ms(100);
+        assert_eq!((host.pulses(), host.link().power_lost), (NO_PULSES, 1), "phase {phase}");
+        assert!(!host.arm().powered && !host.arm().initialised, "phase {phase}");
+        host.send(ArmCommand::Init);
+        host.run_alive_ms(750);
+        host.send(ArmCommand::Power(true));
+        host.run_alive_ms(100);
+        assert_eq!((host.pulses(), host.arm().powered), (AT_HOME, true), "phase {phase}");
+    }
+}
+
+#[test]
+fn pulses_that_an_upkeep_holds_back_are_not_lost_and_those_that_go_missing_for_20_ms_are() {
+    let start = Instant::from_secs(1);
+    let at = |ms| start + Duration::from_millis(ms);
+    let mut session = PioneerArm::new(Settings::DEFAULT, Boot::default(), start);
+    let mut snapshot = Snapshot::BOOT;
+    snapshot.sensors.gpio_in = 0xFE; // the arm is there
+    let ask = |session: &mut PioneerArm, bytes: &[u8], ms, snapshot: &Snapshot| {
+        let mut bytes = bytes;
+        while session.receive(&mut bytes, at(ms)).is_some() {}
+        while session.advance(at(ms), snapshot).is_some() {}
+        (session.counters().arm.powered, session.counters().power_lost)
+    };
+    let open =
+        Packet { id: command::OPEN, data: &[0x3B, 1, 0] }.encode(&mut [0; 9]).unwrap().to_vec();
+    for sync in SYNC.into_iter().map(|sync| Packet { id: sync.id, data: &[] }) {
+        ask(&mut session, sync.encode(&mut [0; 6]).unwrap(), 0, &snapshot);
+    }
+    ask(&mut session, &open, 0, &snapshot);
+    // A save that takes as long as an erase may, and power behind it in one write.
+    let mut both = written(Request::Do(Action::Save));
+    both.extend_from_slice(ArmCommand::Power(true).encode(&mut [0; 9]).unwrap());
+    ask(&mut session, &both, 0, &snapshot);
+    for ms in 0..1900 {
+        assert_eq!(ask(&mut session, &[], ms, &snapshot), (true, 0), "{ms}");
+    }
+    session.upkeep_done(Ok(()));
+    assert_eq!(ask(&mut session, &[], 1900, &snapshot), (true, 0));
+    assert_eq!(ask(&mut session, &[], 1919, &snapshot), (true, 0));
+    let pulse = ServoPulse::from_raw(3375);
+    snapshot.outputs.servos = [Some(pulse); 6];
+    assert_eq!(ask(&mut session, &[], 1920, &snapshot), (true, 0));
+    // One of them is enough, and the others' pulses are taken then.
+    snapshot.outputs.servos[3] = None;
+    assert_eq!(ask(&mut session, &[], 1940, &snapshot), (true, 0));
+    assert_eq!(ask(&mut session, &[], 1959, &snapshot), (true, 0));
+    let off = Asked::Control(Command::Run { scope: Scope::All, run: false });
+    assert_eq!(session.advance(at(1960), &snapshot), Some(off));
+    assert_eq!(ask(&mut session, &[], 1980, &snapshot), (false, 1));
 }
 
 #[test]

@@ -213,8 +213,8 @@ const AT_HOME: [Option<u16>; JOINTS] = [Some(3375); JOINTS];
 const NO_PULSES: [Option<u16>; JOINTS] = [None; JOINTS];
 
 /// Watches the pulses, and does not allow a joint more than a tick from one look to the next, nor
-/// power to come or go while a servo is not at home. A fault may take it anywhere, and then it comes
-/// back where it went.
+/// power to come or go while a servo is not at home. A fault may take it anywhere, and then it
+/// comes back where it went.
 struct NoJump {
     pulses: [Option<u16>; JOINTS],
     /// Where a fault has taken the power.

@@ -1,8 +1,8 @@
 //! The loop of work: read every servo, take the newest goals, send them, report; and again.
 //!
-//! Goals go out every cycle, new or not, in two SYNC_WRITEs (registers 24 to 35, and 47 to 49, since
-//! those between are read-only), and servos whose torque is to be off are told so in a third; each
-//! in packets of [`MAX_REQUEST`](super::exchange::MAX_REQUEST) bytes at the most.
+//! Goals go out every cycle, new or not, in two SYNC_WRITEs (registers 24 to 35, and 47 to 49,
+//! since those between are read-only), and servos whose torque is to be off are told so in a third;
+//! each in packets of [`MAX_REQUEST`](super::exchange::MAX_REQUEST) bytes at the most.
 
 use embassy_time::{Duration, Instant};
 use protocol::dynamixel::{EncodeError, Id, Register, SyncWriter};
@@ -88,7 +88,8 @@ impl Cycle {
         self.behind = Some(id);
     }
 
-    /// What is to be sent next; `None` while resting. Ends: a cycle without work is followed by rest.
+    /// What is to be sent next; `None` while resting. Ends: a cycle without work is followed by
+    /// rest.
     pub fn next(&mut self, roster: &mut Roster, pc: &mut Pc, now: Instant) -> Option<Job> {
         loop {
             let behind = self.behind;

@@ -20,15 +20,16 @@
 //! | `cycle` | the loop of work |
 //! | `pc` | hello, answers, goals, reports, silence |
 //!
-//! Rules, where the page ("Communication protocol between PC and CM5") and the facts leave them to us:
-//! - up to 100 servos ([`MAX_SERVOS`]): 18 take 8 ms a cycle, 100 take 44 ms. Those that find no room
-//!   are counted and left alone;
+//! Rules, where the page ("Communication protocol between PC and CM5") and the facts leave them to
+//! us:
+//! - up to 100 servos ([`MAX_SERVOS`]): 18 take 8 ms a cycle, 100 take 44 ms. Those that find no
+//!   room are counted and left alone;
 //! - no goal is sent before the PC's first goals, nor to a servo whose return delay and limits are
 //!   not yet what the PC wants. To stop is always allowed: torque off is sent to whoever may hear;
 //! - goals with one value that no servo takes are refused as a whole;
-//! - a servo is driven only by a goal that is newer than whatever made the last one unsafe: a change
-//!   between joint and endless turning, its own shutdown (heat, overload), silence for what turns
-//!   endlessly, and being away while the PC is silent;
+//! - a servo is driven only by a goal that is newer than whatever made the last one unsafe: a
+//!   change between joint and endless turning, its own shutdown (heat, overload), silence for what
+//!   turns endlessly, and being away while the PC is silent;
 //! - registers 5 to 9 are written only where they differ, and read back;
 //! - a servo that has not answered is stale in the report (8 x `FF`) from that cycle on; one that
 //!   is missing or being set up is not sent goals, and one that turns endlessly is stopped then;

@@ -2,9 +2,9 @@
 //!
 //! A *hello* is said once a second for as long as there is *news* that the PC has not answered (the
 //! search is over, a servo is new, or one is back), and while the PC is silent, since a PC that
-//! starts again waits for one. A packet is a sign of life only if it was carried out. Silence counts
-//! from the end of the search: a bridge that starts again under a robot at work finds servos that
-//! still turn, and maybe nobody who would stop them.
+//! starts again waits for one. A packet is a sign of life only if it was carried out. Silence
+//! counts from the end of the search: a bridge that starts again under a robot at work finds servos
+//! that still turn, and maybe nobody who would stop them.
 
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Packet, Refusal, Report};

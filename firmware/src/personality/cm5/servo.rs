@@ -1,12 +1,12 @@
-//! One servo as the bridge knows it: whether the PC knows of it too, what is to be asked of it next,
-//! what it is to do, and what has been heard.
+//! One servo as the bridge knows it: whether the PC knows of it too, what is to be asked of it
+//! next, what it is to do, and what has been heard.
 //!
 //! A servo that the PC has given limits is *checked*: its return delay and limits (registers 5 to
 //! 9) are read, what differs is *written*, and it is checked again, until nothing differs. Then it
 //! is *at work*: read every cycle, and sent its goal. One that has not answered [`STRIKES`] times
-//! in a row is *missing*: it is left out of the cycle, and checked after [`FIRST_PROBE`], then after
-//! twice that, and so on up to [`LAST_PROBE`]. When it answers it may have lost its power, or be another one with the same ID; the check takes care of
-//! both.
+//! in a row is *missing*: it is left out of the cycle, and checked after [`FIRST_PROBE`], then
+//! after twice that, and so on up to [`LAST_PROBE`]. When it answers it may have lost its power, or
+//! be another one with the same ID; the check takes care of both.
 //!
 //! Limits that are both 0 make a servo turn *endlessly*, and then its speed means something else: 0
 //! stops it, while in a joint it is the greatest there is. So its torque is switched off, and seen

@@ -9,9 +9,10 @@
 //!   a joint goes home no faster than its calibrated speed;
 //! - an arm that is lost while it has power is parked, and takes orders again only after INIT has
 //!   found it. One that is lost without power is forgotten until CHECK or INIT finds it;
-//! - a fault of the board that stops the servos (`safety::faults`) takes the power at once, wherever
-//!   the joints are. They count as standing there: nobody knows better. INIT clears the fault, and
-//!   when its cause is gone POWER 1 gives each joint its power where it lost it.
+//! - a fault of the board that stops the servos (`safety::faults`) takes the power at once,
+//!   wherever the joints are. They count as standing there: nobody knows better. INIT clears the
+//!   fault, and when its cause is gone POWER 1 gives each joint its power where it lost it. So it
+//!   is with a fault that another has cleared before the arm could see it: the pulses are missing.
 
 use embassy_time::{Duration, Instant};
 use protocol::arcos::Joint as Number;
@@ -29,6 +30,9 @@ const CHECK_TIME: Duration = Duration::from_millis(200);
 /// How often the arm's line is looked at; it is read no faster.
 const LOOK_PERIOD: Duration = Duration::from_millis(20);
 
+/// How long a pulse that was told may be missing: a command takes two control periods.
+const PULSES_TAKE: Duration = Duration::from_millis(20);
+
 /// What ARMINFOpac calls us.
 const VERSION: &str = concat!("Open arm ", env!("CARGO_PKG_VERSION"));
 
@@ -40,7 +44,7 @@ pub(super) enum Ignored {
     Resetting,
     /// No arm is connected.
     NotConnected,
-    /// The arm was lost while it had power, or a fault has stopped it: it needs INIT.
+    /// The arm was lost while it had power, or the board has taken it: it needs INIT.
     NeedsInit,
     /// A fault of the board keeps the servos off: its cause must go, then it needs INIT.
     Fault,
@@ -55,6 +59,17 @@ enum Power {
     On,
     /// On, and off as soon as all joints are home.
     Parking,
+}
+
+/// What the board tells of the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Seen {
+    /// The arm's line says that it is there.
+    pub present: bool,
+    /// A fault keeps the servos off.
+    pub stopped: bool,
+    /// A servo has no pulses, and no upkeep keeps the board from giving them.
+    pub lacks_pulses: bool,
 }
 
 /// The arm. See the [module](self).
@@ -79,9 +94,11 @@ pub(super) struct Arm {
     closed_since: Option<Instant>,
     /// The pulses that the board was last told to give.
     driven: [Option<i16>; JOINTS],
+    /// Since when it has lacked some of them.
+    lacking_since: Option<Instant>,
     /// Times that the arm was lost while it had power; wraps.
     lost: u32,
-    /// Times that a fault took the servos' power; wraps.
+    /// Times that the board took the servos' power; wraps.
     power_lost: u32,
 }
 
@@ -104,6 +121,7 @@ impl Arm {
             idle_since: now,
             closed_since: None,
             driven: [None; JOINTS],
+            lacking_since: None,
             lost: 0,
             power_lost: 0,
             settings,
@@ -138,7 +156,7 @@ impl Arm {
         self.lost
     }
 
-    /// Times that a fault took the servos' power; wraps.
+    /// Times that the board took the servos' power; wraps.
     pub fn power_lost(&self) -> u32 {
         self.power_lost
     }
@@ -210,12 +228,11 @@ impl Arm {
         if is_told { earliest } else { Instant::MIN }
     }
 
-    /// Lets time pass, and tells what that asks of the board. `present` is the arm's line, `stopped`
-    /// whether a fault keeps the servos off. Call it until it answers `None`.
-    pub fn advance(&mut self, now: Instant, present: bool, stopped: bool) -> Option<Command> {
+    /// Lets time pass, and tells what that asks of the board. Call it until it answers `None`.
+    pub fn advance(&mut self, now: Instant, seen: Seen) -> Option<Command> {
         self.looks_at = now.saturating_add(LOOK_PERIOD);
-        self.heed(stopped);
-        self.watch(now, present);
+        self.heed(now, seen);
+        self.watch(now, seen.present);
         self.keep_times(now);
         for joint in &mut self.joints {
             joint.step(now);
@@ -223,22 +240,27 @@ impl Arm {
         if self.parks_at().is_some_and(|at| at <= now) {
             self.power = Power::Off;
         }
-        if core::mem::take(&mut self.clears) && stopped {
+        if core::mem::take(&mut self.clears) && seen.stopped {
             return Some(Command::ClearFaults(Scope::All));
         }
         self.drive()
     }
 
-    /// A fault stops the servos, or does no more. The board has taken their pulses by itself.
-    fn heed(&mut self, stopped: bool) {
-        if stopped && self.power != Power::Off {
+    /// A fault stops the servos, or does no more, or did between two looks.
+    fn heed(&mut self, now: Instant, seen: Seen) {
+        let lacks_pulses = self.power != Power::Off && seen.lacks_pulses;
+        self.lacking_since = lacks_pulses.then_some(self.lacking_since.unwrap_or(now));
+        let has_tripped =
+            self.lacking_since.is_some_and(|since| now >= since.saturating_add(PULSES_TAKE));
+        let is_taken = seen.stopped || has_tripped;
+        if is_taken && self.power != Power::Off {
+            // The board is told too: a pulse that was on its way to it may have come after a clear.
             self.power = Power::Off;
             self.power_lost = self.power_lost.wrapping_add(1);
-            self.driven = self.pulses();
             self.each(Joints::All, Joint::stop);
         }
-        self.needs_init |= stopped;
-        self.stopped = stopped;
+        self.needs_init |= is_taken;
+        self.stopped = seen.stopped;
     }
 
     /// Whether the arm is there, and what a probe has found.

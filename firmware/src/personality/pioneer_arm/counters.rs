@@ -31,7 +31,7 @@ pub struct ArmCounters {
     pub limited: u32,
     /// Times that the arm was lost while it had power.
     pub arms_lost: u32,
-    /// Times that a fault of the board took the servos' power.
+    /// Times that the board took the servos' power, for a fault.
     pub power_lost: u32,
     /// Standard information packets sent.
     pub standard_sent: u32,

@@ -2,8 +2,8 @@
 //!
 //! A *tick* is the wire's unit of position; a *step* is one tick. A joint on its way takes one step
 //! every so many milliseconds (SPEED) and never two at once, however late it is called: it does not
-//! jump. There is no feedback: its position is where its servo was last sent. The servo itself may be
-//! slower and lag behind; when it must have caught up is reckoned from what it was sent through.
+//! jump. There is no feedback: its position is where its servo was last sent. The servo itself may
+//! be slower and lag behind; when it must have caught up is reckoned from what it was sent through.
 //!
 //! All joints take their steps on one grid of control periods, so that the board gets at most one
 //! command a period, and no period brings a joint two ticks.
@@ -176,8 +176,9 @@ impl Joint {
     }
 }
 
-/// The last point of the grid, which may be now. Its points lie half way between full milliseconds, where control
-/// periods begin on the virtual board, so that none is near the border of two periods.
+/// The last point of the grid, which may be now. Its points lie half way between full milliseconds,
+/// where control periods begin on the virtual board, so that none is near the border of two
+/// periods.
 fn last_grid_point(now: Instant) -> Instant {
     let half = GRID.as_ticks() / 2;
     let since_a_point = (now.as_ticks() + half) % GRID.as_ticks();
@@ -298,7 +299,8 @@ mod tests {
                 i32::from(joint.pulse()) * 1000 / i32::from(ServoPulse::PER_MS)
             });
             pulses_us.sort();
-            // As the settings and the README say: 0.59 to 2.41 ms, of the 0.5 to 2.5 that are borne.
+            // As the settings and the README say: 0.59 to 2.41 ms, of the 0.5 to 2.5 that are
+            // borne.
             assert_eq!(pulses_us, [592, 2414]);
         }
     }

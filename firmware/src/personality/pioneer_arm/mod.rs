@@ -11,10 +11,10 @@
 //! Rules (facts, "Session"):
 //! - SYNC0, SYNC1 and SYNC2 are answered in this order only; each may be repeated, and SYNC0
 //!   begins anew. A packet that is out of turn is counted and has no answer;
-//! - in an open session 0 is PULSE, 1 is OPEN and 2 is CLOSE, never a SYNC. A host that is restarted
-//!   within 2 s of its last packet therefore has no answer to SYNC0, only standard packets, and as
-//!   long as it repeats SYNC0 it keeps the old session and the arm's power. It must send CLOSE (or
-//!   be silent for 2 s), and SYNC0 then;
+//! - in an open session 0 is PULSE, 1 is OPEN and 2 is CLOSE, never a SYNC. A host that is
+//!   restarted within 2 s of its last packet therefore has no answer to SYNC0, only standard
+//!   packets, and as long as it repeats SYNC0 it keeps the old session and the arm's power. It must
+//!   send CLOSE (or be silent for 2 s), and SYNC0 then;
 //! - between OPEN and CLOSE a standard information packet comes every 100 ms, the first at once;
 //! - STATUS 1 and 2 are answered at once by an ARMpac; 2 then brings one before every standard
 //!   packet. The latest STATUS counts: 1 ends a stream too;
@@ -43,7 +43,7 @@ use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
-use arm::Arm;
+use arm::{Arm, Seen};
 pub use counters::ArmCounters;
 use counters::count;
 use joint::Limited;
@@ -80,7 +80,7 @@ pub struct PioneerArm {
 
 /// What a session owes its host.
 struct Answers {
-    /// What the settings were at the start.
+    /// What the settings were at the start, or what goes before them.
     dialect: Dialect,
     arm: Arm,
     extension: Extension,
@@ -127,6 +127,13 @@ impl PioneerArm {
             },
         }
     }
+
+    /// The same session, but it tells the arm's state in this dialect, whatever the settings say.
+    /// They stay as they are, and so are saved.
+    pub fn with_dialect(mut self, dialect: Dialect) -> Self {
+        self.answers.dialect = dialect;
+        self
+    }
 }
 
 impl Session for PioneerArm {
@@ -155,9 +162,13 @@ impl Session for PioneerArm {
         self.answers.watch(now);
         let told = self.answers.extension.look(now, snapshot);
         self.answers.settle(told);
-        let present = snapshot.sensors.gpio_in & ARM_LINE == 0;
-        let stopped = snapshot.faults.stops_servos();
-        self.answers.arm.advance(now, present, stopped).map(Request::Control)
+        let seen = Seen {
+            present: snapshot.sensors.gpio_in & ARM_LINE == 0,
+            stopped: snapshot.faults.stops_servos(),
+            lacks_pulses: !self.answers.extension.is_busy()
+                && snapshot.outputs.servos.iter().any(Option::is_none),
+        };
+        self.answers.arm.advance(now, seen).map(Request::Control)
     }
 
     fn wakes_at(&self) -> Option<Instant> {

@@ -21,9 +21,12 @@ use crate::values::numbers;
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
     let make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
     let dialect = options.dialect();
-    let session = move |mut settings: Settings, boot: Boot, now: Instant| {
-        settings.arm.dialect = dialect.unwrap_or(settings.arm.dialect);
-        PioneerArm::new(settings, boot, now)
+    let session = move |settings: Settings, boot: Boot, now: Instant| {
+        let arm = PioneerArm::new(settings, boot, now);
+        match dialect {
+            Some(dialect) => arm.with_dialect(dialect),
+            None => arm,
+        }
     };
     Ok(Box::new(VirtualBoard::with_session(make, options.flash()?, session)))
 }

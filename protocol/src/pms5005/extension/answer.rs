@@ -111,7 +111,7 @@ codes! {
         Contradiction = 5,
         /// A motor or a servo is on: suspend them first (DID 30).
         OutputsOn = 6,
-        /// Another request of the kind is being carried out.
+        /// Another request, which this one would disturb, is being carried out.
         Busy = 7,
         /// This board cannot do it.
         NotAvailable = 8,
@@ -201,7 +201,7 @@ pub struct Health {
     pub worst_latency_us: u16,
     /// The most stack that was ever used, in bytes; 0 is unknown.
     pub stack_used: u16,
-    /// Latched faults.
+    /// Latched faults, 35 at the most; [`Latched::total`] are on record.
     pub faults: u8,
     /// Control periods that began so late that they were missed; wraps.
     pub periods_missed: u32,
@@ -320,13 +320,13 @@ impl Counters {
     }
 }
 
-/// A place in the list of latched faults (DID 100).
+/// A place in the list of the latched faults' records (DID 100).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Latched {
     /// The place, from 0.
     pub place: u8,
-    /// How many there are.
+    /// How many records there are, 16 at the most; [`Health::faults`] may be more.
     pub total: u8,
     /// What is there; `None` when the place is not below `total`.
     pub record: Option<FaultRecord>,

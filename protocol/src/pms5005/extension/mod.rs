@@ -5,9 +5,18 @@
 //! [`Answer`] what the board tells; [`Fault`] numbers what can go wrong.
 //!
 //! Frames, checksums and acknowledgements are those of all other frames. Beyond the acknowledgement
-//! every request gets one answer (RID 0, RES 255), which is an [`Outcome`] where there is nothing to
+//! a request gets one answer (RID 0, RES 255), which is an [`Outcome`] where there is nothing to
 //! read; a refused one changes nothing, is counted as any refused frame is, and its outcome names
 //! the error. Words and numbers are sent low byte first; ranges are inclusive.
+//!
+//! Exceptions: health (DID 98) is a stream, so N of it are N answers, and to stop it (0) has none.
+//! Eight other answers may wait for the line; one that finds no room is dropped and counted
+//! ([`Counters::answers_dropped`]), though its request was carried out. A host that waits for each
+//! answer before it asks again loses none.
+//!
+//! Busy ([`Verdict::Busy`]) is the outcome of a save, a reset or a reboot while another of them is
+//! pending, of setting settings while a factory reset is, which would undo them, and of asking for
+//! a fault (DID 100) while the answer about another is pending: ask again when that has come.
 //!
 //! # Table E.1: from host to board
 //! | DID | definition | DATA | answer |
@@ -18,11 +27,11 @@
 //! | 7 | Factory reset: the defaults, in force and saved; only with all off | `0x83` | 101, when it is done |
 //! | 7 | Reboot; only with all off | `0x84` | 101, then the board restarts |
 //! | 7 | Reboot into the ROM's DFU loader; only with all off | `0x85` | 101, then the board restarts |
-//! | 96 | Read a setting | number (2 bytes) | 96 |
+//! | 96 | Read a setting | number (2 bytes) | 96, or 101 |
 //! | 97 | Who are you? | none | 97 |
-//! | 98 | Health | as DID 123: none is continuously, N is N times, 0 is stop | 98, with the period of telemetry |
+//! | 98 | Health | as DID 123: none is continuously, N is N times, 0 is stop | 98: the first at once, but never less than the period of telemetry (setting 32) behind the one before or the start |
 //! | 99 | Counters | none | 99 |
-//! | 100 | A latched fault | its place in the list (1 byte), from 0 | 100 |
+//! | 100 | The record of a latched fault; one at a time | its place in the list (1 byte), from 0 | 100, or 101 |
 //!
 //! DID 7 is an extension's when DATA begins with 0x80 or above. Such a frame holds settings, or one
 //! of the other sub-commands alone; the manual's do not mix with them.
@@ -44,11 +53,11 @@
 //! | 98 | 1 to 4 | Uptime in ms; wraps after 49 days |
 //! | | 5 to 6 | Worst control latency since boot in microseconds: from the tick that begins a control period until its outputs stand |
 //! | | 7 to 8 | Stack high-water mark: the most that was ever used, in bytes; 0 is unknown |
-//! | | 9 | Latched faults |
+//! | | 9 | Latched faults, 35 at the most |
 //! | | 10 to 13 | Control periods missed: those that have begun a period late or more; wraps |
 //! | 99 | 1 to 72 | 18 counters of 4 bytes, in the order of [`Counters`]; they wrap |
 //! | 100 | 1 | Place in the list, as asked |
-//! | | 2 | Latched faults; when the place is not below it, nothing follows |
+//! | | 2 | Fault records, 16 at the most: of faults beyond them only the number is known (DID 98); when the place is not below it, nothing follows |
 //! | | 3 | Number of the fault ([`Fault`]) |
 //! | | 4 | Channel 0 to 5; 255 is the board |
 //! | | 5 to 8 | Uptime in ms when it tripped |

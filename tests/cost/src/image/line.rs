@@ -1,5 +1,5 @@
-//! The board's end of a line at 115200 baud: the ring that the DMA fills, and a sender that takes its
-//! time.
+//! The board's end of a line at 115200 baud: the ring that the DMA fills, and a sender that takes
+//! its time.
 
 use core::convert::Infallible;
 

@@ -1,6 +1,6 @@
-//! The board at work: the firmware's own tasks, control on an interrupt executor above the link's, as
-//! in the board's image, with the line silent and with it full. Only the ends differ: the motors' and
-//! the line's.
+//! The board at work: the firmware's own tasks, control on an interrupt executor above the link's,
+//! as in the board's image, with the line silent and with it full. Only the ends differ: the
+//! motors' and the line's.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};

@@ -2,8 +2,8 @@
 //! `.ci/cost` builds it, runs it and makes a table of what it says.
 //!
 //! It writes one line a case, `NAME TICKS CALLS UNITS`: ticks of the machine's 25 MHz timer for so
-//! many calls, each of which does so many units of work. With `-icount shift=6` an instruction takes 64 ns, whatever it is, and the time of
-//! the machine is nothing but instructions.
+//! many calls, each of which does so many units of work. With `-icount shift=6` an instruction
+//! takes 64 ns, whatever it is, and the time of the machine is nothing but instructions.
 #![no_std]
 #![no_main]
 

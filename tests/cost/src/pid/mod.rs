@@ -49,7 +49,8 @@ pub trait Bank {
     );
 }
 
-/// Calls `one` for every channel, written out: a loop keeps its counters where the numbers should be.
+/// Calls `one` for every channel, written out: a loop keeps its counters where the numbers should
+/// be.
 #[inline(always)]
 fn for_each_channel(mut one: impl FnMut(usize)) {
     one(0);

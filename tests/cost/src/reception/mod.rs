@@ -100,7 +100,8 @@ pub fn cases(meter: &mut impl Meter) {
     checksums(meter);
 }
 
-/// The answer of an AX-12 to READ of its eight present values, beside the sum that it is checked by.
+/// The answer of an AX-12 to READ of its eight present values, beside the sum that it is checked
+/// by.
 fn servo(meter: &mut impl Meter) {
     let params = [0x00, 0x02, 0x20, 0x00, 0x10, 0x00, 0x78, 0x1E];
     let mut buffer = [0; 14];

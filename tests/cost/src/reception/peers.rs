@@ -175,8 +175,9 @@ impl Receive for Inlined {
     }
 }
 
-/// The least that a byte costs which comes alone: it is put behind the others. It does nothing else:
-/// no start is looked for, nothing is checked, and that a frame has ended it knows from its length.
+/// The least that a byte costs which comes alone: it is put behind the others. It does nothing
+/// else: no start is looked for, nothing is checked, and that a frame has ended it knows from its
+/// length.
 pub struct Append {
     buffer: [u8; MAX_FRAME],
     held: usize,
