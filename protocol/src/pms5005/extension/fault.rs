@@ -88,7 +88,8 @@ pub struct FaultRecord {
     pub fault: Fault,
     /// Of which channel; `None` is the board.
     pub channel: Option<Channel>,
-    /// Uptime in ms when it tripped.
+    /// Uptime in ms when it tripped, by the control periods until then: periods that were missed, and
+    /// the time of an erase, are not in it.
     pub uptime_ms: u32,
     /// What was true then: the values that [`Fault::values`] names, 0 beyond them.
     pub values: [i16; 3],
