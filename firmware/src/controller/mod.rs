@@ -30,7 +30,7 @@ use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{self, ChannelMonitor, Observed};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
-use crate::settings::ControlSettings;
+use crate::settings::{ControlPart, ControlSettings};
 use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
 use shaft::{Shaft, angle};
 pub use snapshot::{ControlCounters, EncoderReading, ShownFault, Snapshot};
@@ -290,6 +290,9 @@ impl Controller {
             }
             Command::Adopt(ref part) => {
                 self.settings.adopt(part);
+                if matches!(part, ControlPart::BoardFaults(_)) {
+                    self.board.forget_looks();
+                }
                 for axis in &mut self.axes {
                     axis.set_full_speed(self.settings.full_speed(axis.sensor()));
                 }

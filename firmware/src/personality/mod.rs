@@ -102,15 +102,9 @@ pub trait Session {
     /// Counts an error that the line reported.
     fn line_failed(&mut self);
 
-    /// What came of the [`Upkeep`] that it has asked for. A program that can be started will be, a
-    /// moment later.
+    /// What came of the [`Upkeep`] that it has asked for; [`receive`](Self::receive) tells what is to
+    /// be done about it. A program that can be started will be, a moment later.
     fn upkeep_done(&mut self, _result: Result<(), UpkeepRefused>) {}
-
-    /// A command that is left over from what the host has asked for, or from upkeep that is done;
-    /// [`receive`](Self::receive) answers these first. Call it until it answers `None`.
-    fn left_over(&mut self) -> Option<Command> {
-        None
-    }
 
     /// Counts a picture that found no room to wait.
     fn picture_dropped(&mut self) {}

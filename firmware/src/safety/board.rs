@@ -41,7 +41,9 @@ impl BoardMonitor {
         now: &Sensors,
         settings: &BoardFaultSettings,
     ) -> Option<(Fault, [u16; 2])> {
-        self.lateness = self.lateness.saturating_sub(1);
+        // What is beyond the threshold would keep the fault latched long after its cause is gone.
+        let most = lateness_that_trips(settings).saturating_add(LATE);
+        self.lateness = self.lateness.min(most).saturating_sub(1);
         self.turn = self.turn.wrapping_add(1);
         let [main, motors, servos] = now.battery;
         let [driver_1, driver_2] = now.overheat;
@@ -80,6 +82,11 @@ impl BoardMonitor {
         }
     }
 
+    /// The thresholds are others: what was looked at by the old ones does not count.
+    pub fn forget_looks(&mut self) {
+        self.looks = Default::default();
+    }
+
     /// A control period has begun so late that it was missed.
     pub fn period_missed(&mut self, latency_us: u16) {
         self.latency_us = latency_us;
@@ -87,10 +94,13 @@ impl BoardMonitor {
     }
 
     fn is_late(&self, settings: &BoardFaultSettings) -> bool {
-        // Of so many in a row, each takes one back.
-        let most = settings.missed_periods.saturating_mul(LATE - 1);
-        most > 0 && self.lateness >= most
+        settings.missed_periods > 0 && self.lateness >= lateness_that_trips(settings)
     }
+}
+
+/// Of so many in a row, each takes one back.
+fn lateness_that_trips(settings: &BoardFaultSettings) -> u16 {
+    settings.missed_periods.saturating_mul(LATE - 1)
 }
 
 /// Whether a reading has been wrong for long enough.

@@ -1,5 +1,8 @@
 //! The faults of the board.
 
+use protocol::pms5005::Data;
+use protocol::pms5005::extension::Assignments;
+
 use super::*;
 
 /// A fault of the board that a reading makes: the reading that is wrong, and the next to it that is
@@ -255,6 +258,13 @@ fn control_periods_that_are_missed_are_counted_and_a_fault_when_they_persist() {
     assert_eq!((bench.bridge(0), latched(&bench)), ((8000, true), vec![]));
     miss(&mut bench, 20, 0);
     assert_eq!((bench.bridge(0), latched(&bench)), ((0, false), vec![(Fault::PeriodMissed, None)]));
+    // However many there were more, it may be cleared as soon as they are over.
+    miss(&mut bench, 400, 0);
+    bench.run_alive_ms(20);
+    by_clearing(&mut bench);
+    bench.run_alive_ms(50);
+    assert_eq!(latched(&bench), []);
+    miss(&mut bench, 110, 0);
     let record = first_record(&mut bench);
     assert!((1000..=2100).contains(&record.values[0]), "{record:?}");
     // Health tells how many they were in all.
@@ -264,7 +274,7 @@ fn control_periods_that_are_missed_are_counted_and_a_fault_when_they_persist() {
         Answer::Health(health) => Some((health.faults, health.periods_missed)),
         _ => None,
     });
-    assert_eq!(told, Some((1, 110)));
+    assert_eq!(told, Some((1, 620)));
     bench.run_alive_ms(1000);
     off_until_cleared_and_then_runs_again(&mut bench, 0, by_clearing);
     // One in eight for a long time; and one hole of half a second.
@@ -294,4 +304,18 @@ fn a_servo_that_a_fault_stopped_does_not_go_on_with_its_move() {
         bench.run_alive_with(2000, |bench| assert_eq!(bench.pulse(3), Some(after), "it holds"));
         assert!((3000..3800).contains(&after), "where the fault broke the move off: {after}");
     }
+}
+
+#[test]
+fn a_fault_that_is_switched_off_is_cleared_at_once() {
+    let mut bench = driving(Settings::DEFAULT);
+    change(&bench, |all| all.battery[2] = Some(1700));
+    bench.run_alive_ms(1200);
+    assert_eq!(latched(&bench), [(Fault::ServoBatteryLow, None)]);
+    let mut data = Data::new();
+    Assignments::emit(66, 0, &mut data).unwrap();
+    bench.send_raw(did::PARAMETERS, &data);
+    by_clearing(&mut bench);
+    bench.run_alive_ms(2000);
+    assert_eq!(latched(&bench), []);
 }

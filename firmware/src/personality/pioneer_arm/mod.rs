@@ -39,7 +39,6 @@ use protocol::pms5005::Repeat;
 
 use super::extension::{Boot, Extension, Owed};
 use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused};
-use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
@@ -142,7 +141,7 @@ impl Session for PioneerArm {
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         // What the arm asks of the board is `advance`'s to tell.
         loop {
-            if let Some(command) = self.left_over() {
+            if let Some(command) = self.answers.extension.left_over() {
                 return Some(Request::Control(command));
             }
             let packet = self.receiver.receive(bytes, now)?;
@@ -152,10 +151,6 @@ impl Session for PioneerArm {
                 return Some(request);
             }
         }
-    }
-
-    fn left_over(&mut self) -> Option<Command> {
-        self.answers.extension.left_over()
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {

@@ -156,7 +156,7 @@ impl Session for Pms5005 {
 
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         loop {
-            if let Some(command) = self.left_over() {
+            if let Some(command) = self.answers.left_over() {
                 return Some(Request::Control(command));
             }
             let frame = self.receiver.receive(bytes, now)?;
@@ -164,10 +164,6 @@ impl Session for Pms5005 {
                 return Some(request);
             }
         }
-    }
-
-    fn left_over(&mut self) -> Option<Command> {
-        self.answers.configuration.take().or_else(|| self.answers.extension.left_over())
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
@@ -244,6 +240,11 @@ enum Due {
 }
 
 impl Answers {
+    /// A command that is left over from what the host has asked for, or from upkeep that is done.
+    fn left_over(&mut self) -> Option<Command> {
+        self.configuration.take().or_else(|| self.extension.left_over())
+    }
+
     fn due_at(&self) -> Instant {
         if self.acks_waiting > 0 || self.extension.owes() {
             return Instant::MIN;

@@ -21,8 +21,8 @@
 //! # Table E.1: from host to board
 //! | DID | definition | DATA | answer |
 //! |---|---|---|---|
-//! | 7 | Set settings, all of them or none, in one control period | `[0x80 + number (2 bytes) + value (4 bytes)]+`, 36 of them at most | 101 |
-//! | 7 | Clear the latched faults | `0x81` | 101 |
+//! | 7 | Set settings, all of them or none, within a few control periods; thresholds that belong together in the same | `[0x80 + number (2 bytes) + value (4 bytes)]+`, 36 of them at most | 101 |
+//! | 7 | Clear the latched faults, but for those of the board whose cause is still there | `0x81` | 101 |
 //! | 7 | Save the settings; only with all motors and servos off | `0x82` | 101, when it is done |
 //! | 7 | Factory reset: the defaults, in force and saved; only with all off | `0x83` | 101, when it is done |
 //! | 7 | Reboot; only with all off | `0x84` | 101, then the board restarts |
