@@ -193,7 +193,7 @@ impl Pid {
         // the integral's full drive, and 64 bits hold 2^9 times full drive.
         let proportional = upper_half(gains.kp.wide_mul(error.0).to_bits());
         let damping = upper_half(gains.minus_kd.wide_mul(rate.0).to_bits());
-        let integral = within_full_drive(self.integral.wrapping_add(gains.ki.wide_mul(error.0)));
+        let integral = self.with(gains, error);
         let others = Drive::from_bits(proportional)
             .wrapping_add(feed_forward)
             .wrapping_add(Drive::from_bits(damping));
@@ -205,12 +205,18 @@ impl Pid {
         self.limited(gains, error, others, limits)
     }
 
+    /// The integral with a period's error.
+    #[inline]
+    fn with(&self, gains: &Gains, error: Error) -> Integral {
+        within_full_drive(self.integral.wrapping_add(gains.ki.wide_mul(error.0)))
+    }
+
     /// A period in which a limit holds the drive back. It begins again, so that all others do not
     /// keep what only it needs.
     #[cold]
     #[inline(never)]
     fn limited(&mut self, gains: &Gains, error: Error, others: Drive, limits: &Limits) -> Drive {
-        let integral = within_full_drive(self.integral.wrapping_add(gains.ki.wide_mul(error.0)));
+        let integral = self.with(gains, error);
         let drive = others.wrapping_add(to_drive(integral));
         // Gains are never negative: the integral moves with the sign of the error.
         let deeper = if error.0 < 0 { drive < limits.low } else { drive > limits.high };
