@@ -8,7 +8,7 @@ use std::ops::Range;
 
 /// Polled registers: address, value after reset, and what a load answers after a store.
 type Ready = (u32, u32, fn(u32) -> u32);
-const READY: [Ready; 5] = [
+const READY: [Ready; 6] = [
     // RCC_CR: HSIRDY, HSERDY, PLLRDY and PLLI2SRDY follow their ON bits at once.
     (0x4002_3800, 0x83, |w| {
         w & !0x0A02_0002
@@ -20,8 +20,17 @@ const READY: [Ready; 5] = [
     (0x4002_3808, 0, |w| w & !0xC | (w & 3) << 2), // RCC_CFGR: SWS is SW
     (CSR, 0, |w| w & !2 | (w & 1) << 1),           // RCC_CSR: LSIRDY is LSION
     (0x4000_7000, 0, |w| w),                       // PWR_CR: DBP reads back
-    (0x4002_3C00, 0, |w| w),                       // FLASH_ACR: LATENCY reads back
+    (ACR, 0, |w| w),                               // FLASH_ACR reads back
+    (IDCODE, REVISION_Y, |w| w),                   // DBGMCU_IDCODE
 ];
+
+/// How the flash is read: wait states, prefetch, caches.
+const ACR: u32 = 0x4002_3C00;
+
+/// The chip's family and revision (RM0090 section 38.6.1).
+const IDCODE: u32 = 0xE004_2000;
+const REVISION_Y: u32 = 0x1003_0413;
+const REVISION_A: u32 = 0x1000_0413;
 
 /// Why the chip was reset, in its upper bits; bit 24 forgets it.
 const CSR: u32 = 0x4002_3874;
@@ -92,6 +101,22 @@ impl Chip {
             _ => value,
         });
         Self { ready, control: CR_LOCK, keys: 0, is_touched: false, effects: Vec::new() }
+    }
+
+    /// One of the first, after power came on.
+    pub fn of_revision_a() -> Self {
+        let mut chip = Self::new(Reset::Power);
+        for (value, (address, ..)) in chip.ready.iter_mut().zip(READY) {
+            if address == IDCODE {
+                *value = REVISION_A;
+            }
+        }
+        chip
+    }
+
+    /// What the image has written to FLASH_ACR.
+    pub fn flash_access(&self) -> u32 {
+        self.load(ACR)
     }
 
     /// What must be served: whether only stores, the first byte, the length.

@@ -81,10 +81,10 @@ impl Machine {
     /// # Panics
     /// If QEMU is missing or of another version, or the image does not come through.
     pub fn boot(name: &str, image: &str, options: &[&str]) -> Self {
-        Self::boot_with(name, image, options, Reset::Power, &Flash::empty())
+        Self::boot_with(name, image, options, Chip::new(Reset::Power), &Flash::empty())
     }
 
-    /// The same after another kind of reset, with what this flash holds.
+    /// The same on another chip or after another kind of reset, with what this flash holds.
     ///
     /// # Panics
     /// As above.
@@ -92,7 +92,7 @@ impl Machine {
         name: &str,
         image: &str,
         options: &[&str],
-        reset: Reset,
+        chip: Chip,
         settings: &Flash,
     ) -> Self {
         if let Some(reason) = refusal(&version()) {
@@ -111,7 +111,7 @@ impl Machine {
             receiver: Receiver::new(),
             log: File::open(qemu.path("log")).unwrap(),
             seen: String::new(),
-            chip: Chip::new(reset),
+            chip,
             stands: false,
             qemu,
         };
@@ -202,7 +202,11 @@ impl Machine {
         let stored = self.gdb.register(register);
         // It would stop here again.
         self.watch(false);
-        self.gdb.step();
+        let pc = self.gdb.register(PC);
+        // Now and then QEMU says that it has made a step and stands where it stood.
+        while self.gdb.register(PC) == pc {
+            self.gdb.step();
+        }
         self.watch(true);
         if is_load {
             self.gdb.set_register(register, self.chip.load(address));
@@ -299,6 +303,18 @@ impl Machine {
     /// Sends a command and waits for its acknowledgement.
     pub fn order(&mut self, command: pms5005::Command<'_>) {
         self.send(command);
+        self.acknowledged();
+    }
+
+    /// Sends what need not be a command.
+    pub fn send_raw(&mut self, did: u8, data: &[u8]) {
+        let mut buffer = [0; 264];
+        let frame = Frame { rid: 1, res: 0, did, data };
+        self.send_bytes(frame.encode(&mut buffer).unwrap());
+    }
+
+    /// Waits for an acknowledgement.
+    pub fn acknowledged(&mut self) {
         for _ in 0..100 {
             if self.frame() == (255, vec![1], false) {
                 return;

@@ -19,11 +19,13 @@ mod script;
 mod settings;
 mod simulated;
 
+use chip::Chip;
 use gdb::{PC, SP};
+use hal_mock::flash::Flash;
 use machine::Machine;
 use process::image;
 use protocol::pms5005::{
-    Addressing, CHANNELS, Command, Move, Quantity, Repeat, Report, Reports, Scope,
+    Addressing, CHANNELS, Command, Move, Quantity, Repeat, Report, Reports, Scope, did,
 };
 
 /// The PMS5005 with what the machine lacks replaced.
@@ -31,6 +33,9 @@ const IMAGE: &str = "pms5005-qemu";
 
 /// The machine's clock counts instructions, 8 ns each, in place of the wall's time.
 const SLOWLY: [&str; 2] = ["-icount", "shift=3"];
+
+/// Bytes of the log that may wait for a probe (.cargo/config.toml).
+const LOG_BUFFER: u32 = 256;
 
 /// Register offsets: GPIO's BSRR, a timer's CCR1, the watchdog's KR.
 const BSRR: u32 = 0x18;
@@ -143,6 +148,51 @@ fn a_silent_host_stops_the_bridges() {
     machine.forget();
     machine.written("timer[1]", CCR1, NEUTRAL);
     machine.written("timer[8]", CCR1, NEUTRAL);
+}
+
+#[test]
+#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
+fn the_flash_is_read_with_caches_and_where_it_works_with_prefetch() {
+    // Five wait states; prefetch is bit 8, the instruction cache 9, the data cache 10.
+    let machine = Machine::boot("cached", IMAGE, &[]);
+    assert_eq!(machine.chip.flash_access(), 0x705);
+    let (chip, flash) = (Chip::of_revision_a(), Flash::empty());
+    let machine = Machine::boot_with("revision-a", IMAGE, &[], chip, &flash);
+    assert_eq!(machine.chip.flash_access(), 0x605);
+}
+
+#[test]
+#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
+fn a_log_that_nobody_reads_stops_nothing_though_the_probe_asks_it_to_block() {
+    const LINES: u32 = 60;
+    let control_block = gdb::symbol(&image(IMAGE), "_SEGGER_RTT");
+    let mut machine = Machine::boot("log", IMAGE, &SLOWLY);
+    machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
+    machine.written("timer[1]", CCR1, 6300);
+    let before = settings::health(&mut machine);
+    machine.forget();
+
+    // As a probe does when it attaches, which then is pulled. The flags of the first channel are
+    // behind the identifier, two counts and five words of it.
+    let (written, flags) = (control_block + 36, control_block + 44);
+    machine.stopped(|gdb| gdb.set_bytes(flags, &2_u32.to_le_bytes()));
+    let (mut at, mut logged) = (machine.stopped(|gdb| gdb.word(written)), 0);
+    for _ in 0..LINES {
+        machine.send_raw(did::PWM, &[9, 0, 0]); // no channel 9: refused, and a line of the log
+        machine.acknowledged();
+        let now = machine.stopped(|gdb| gdb.word(written));
+        logged += now.wrapping_sub(at) % LOG_BUFFER;
+        at = now;
+    }
+    assert!(logged > LOG_BUFFER, "only {logged} bytes were logged: there was room for all");
+
+    // Control has missed no period, the motors are still on, and a command is obeyed.
+    let after = settings::health(&mut machine);
+    assert_eq!(after.periods_missed, before.periods_missed);
+    assert!(after.uptime_ms > before.uptime_ms);
+    assert!(!machine.values("timer[1]", CCR1).contains(&NEUTRAL), "channel 0 has stopped");
+    machine.order(go(Quantity::Pwm, first_and_fifth(8192, 24_576)));
+    machine.written("timer[1]", CCR1, 2100);
 }
 
 #[test]

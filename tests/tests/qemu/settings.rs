@@ -13,7 +13,7 @@ use protocol::pms5005::extension::{
 };
 use protocol::pms5005::{Command, Data, Quantity, Repeat, Scope, did};
 
-use crate::chip::{Effect, LOADER_STACK, Reset, SECTOR, SETTINGS};
+use crate::chip::{Chip, Effect, LOADER_STACK, Reset, SECTOR, SETTINGS};
 use crate::machine::Machine;
 use crate::process::image;
 use crate::{CCR1, IMAGE, IWDG, KR, NEUTRAL, first_and_fifth, gdb, go};
@@ -90,12 +90,16 @@ fn faults(machine: &mut Machine) -> Vec<Fault> {
     }
 }
 
-fn stack_used(machine: &mut Machine) -> u32 {
+pub fn health(machine: &mut Machine) -> Health {
     let once = Repeat::Times(1.try_into().unwrap());
     ask(machine, Request::Health(once), |answer| match answer {
-        Answer::Health(Health { stack_used, .. }) => Some(stack_used.into()),
+        Answer::Health(health) => Some(health),
         _ => None,
     })
+}
+
+fn stack_used(machine: &mut Machine) -> u32 {
+    health(machine).stack_used.into()
 }
 
 /// Has something done that the flash has no part in, and waits for what comes of it.
@@ -201,7 +205,7 @@ fn a_full_sector_is_followed_by_the_next_with_the_watchdog_lengthened() {
         }
     }
     let (old, _) = store(&before).load(|| {});
-    let mut machine = Machine::boot_with("full", IMAGE, &[], Reset::Power, &before);
+    let mut machine = Machine::boot_with("full", IMAGE, &[], Chip::new(Reset::Power), &before);
     assert_eq!(identity(&mut machine), (ResetCause::Power, Origin::Stored));
     assert_eq!(value(&mut machine, TELEMETRY_PERIOD), i32::from(old.link.telemetry_period_ms));
 
@@ -222,7 +226,8 @@ fn a_full_sector_is_followed_by_the_next_with_the_watchdog_lengthened() {
 #[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
 fn damaged_settings_and_a_bite_of_the_watchdog_are_on_record() {
     let flash = Flash::with(b"not settings");
-    let mut machine = Machine::boot_with("damaged", IMAGE, &[], Reset::Watchdog, &flash);
+    let chip = Chip::new(Reset::Watchdog);
+    let mut machine = Machine::boot_with("damaged", IMAGE, &[], chip, &flash);
     assert_eq!(identity(&mut machine), (ResetCause::Watchdog, Origin::Corrupt));
     let faults: BTreeSet<_> = faults(&mut machine).into_iter().map(Fault::number).collect();
     let expected = [Fault::SettingsCorrupt, Fault::WatchdogReset].map(Fault::number);
