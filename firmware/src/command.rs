@@ -1,7 +1,5 @@
 //! The controller's vocabulary: what a personality may ask of it, and why it may refuse.
 
-use core::mem;
-
 use protocol::pms5005::extension::Fault;
 use protocol::pms5005::{
     CHANNELS, Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor,
@@ -10,12 +8,12 @@ use protocol::pms5005::{
 use crate::control::axis::AxisRefusal;
 use crate::control::pid::HostGains;
 use crate::control::potentiometer;
-use crate::settings::{ControlPart, KiReading};
+use crate::settings::{ControlSettings, KiReading};
 
 /// Channels 0 and 1 have encoders.
 pub const ENCODERS: usize = 2;
 
-/// What a personality asks of the controller.
+/// What a personality asks of the controller. A command takes effect whole, in one control period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
@@ -36,12 +34,10 @@ pub enum Command {
         /// Control periods until the pulse width is there; 0 is at once.
         periods: u16,
     },
-    /// Change parameters of a DC channel, all in the same period.
-    Configure(Channel, ChannelConfiguration),
-    /// Switch the collision protection on or off.
-    ProtectFromCollisions(bool),
+    /// Change parameters of DC channels, and the collision protection.
+    Configure(Configuration),
     /// Go by these settings from now on.
-    Adopt(ControlPart),
+    Adopt(ControlSettings),
     /// Suspend (`run` false) or resume.
     Run {
         /// Whom.
@@ -60,27 +56,27 @@ pub enum Command {
     Record(Fault),
 }
 
-// While one is copied into the queue or out of it interrupts are off, and control waits.
-const _: () = assert!(size_of::<Command>() <= 36);
-
 /// The new parameters of a frame; `None` leaves one as it is. Of two values for the same the later
 /// counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Configuration {
-    channels: [ChannelConfiguration; CHANNELS],
-    /// Which of them are changed: bit 0 is channel 0.
-    changed: u8,
-    collision_protection: Option<bool>,
+    /// Those of each DC channel.
+    pub channels: [ChannelConfiguration; CHANNELS],
+    /// Whether the collision protection is on.
+    pub collision_protection: Option<bool>,
 }
 
 /// Those of one DC channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ChannelConfiguration {
-    pub(crate) polarity: Option<Polarity>,
-    pub(crate) sensor: Option<Sensor>,
-    pub(crate) method: Option<Method>,
+    /// Which way the bridge is wired.
+    pub polarity: Option<Polarity>,
+    /// What it is measured by: one that the channel has, as [`Configuration::add`] sees to.
+    pub sensor: Option<Sensor>,
+    /// What its set-point means.
+    pub method: Option<Method>,
     pub(crate) position: GainChanges,
     pub(crate) velocity: GainChanges,
 }
@@ -142,17 +138,7 @@ impl Configuration {
         Ok(())
     }
 
-    /// The next command of those that carry it out; `None` when all are taken.
-    pub fn take(&mut self) -> Option<Command> {
-        let Some(&channel) = Channel::ALL.get(self.changed.trailing_zeros() as usize) else {
-            return self.collision_protection.take().map(Command::ProtectFromCollisions);
-        };
-        self.changed &= !(1 << channel.index());
-        Some(Command::Configure(channel, mem::take(&mut self.channels[channel.index()])))
-    }
-
     fn of(&mut self, channel: Channel) -> &mut ChannelConfiguration {
-        self.changed |= 1 << channel.index();
         &mut self.channels[channel.index()]
     }
 }

@@ -107,7 +107,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
         let line = Line::new(make.line_rate);
         let channels = Rc::new(RefCell::new(Rc::new(Channels::new())));
         let restart = Rc::new(Restart::new());
-        let watchdog = Rc::new(Watchdog::new());
+        let watchdog = Rc::new(Watchdog::new(app::WATCHDOG_PERIOD));
         let running = Running::new({
             let (mut rx, mut tx) = line.board_end();
             let mut store = Store::new(flash.clone(), 0..flash::SIZE as u32);
@@ -119,7 +119,6 @@ impl<S: Session + 'static> VirtualBoard<S> {
                     let channels = Rc::new(Channels::new());
                     all_channels.replace(channels.clone());
                     plant.borrow_mut().outputs = Outputs::default();
-                    watchdog.hung.set(None);
                     watchdog.feed();
                     let (settings, origin) = match store.load(|| {}) {
                         (settings, Origin::Stored) => (settings, Origin::Stored),
@@ -145,6 +144,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
                         Either3::Second(cause) => cause,
                         Either3::First(_) | Either3::Third(()) => ResetCause::Watchdog,
                     };
+                    watchdog.hung.set(None);
                 }
             }
         });

@@ -16,7 +16,7 @@
 use std::cell::{Cell, Ref, RefCell};
 use std::rc::Rc;
 
-use embassy_futures::join::join4;
+use embassy_futures::join::join3;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant};
@@ -65,8 +65,6 @@ pub enum Task {
     Transmit,
     /// [`app::bridge_bus`].
     Bus,
-    /// [`app::bridge_supervise`].
-    Supervision,
 }
 
 /// A CM-5 on virtual time. There is one board at a time in a thread: making another sets the
@@ -91,7 +89,7 @@ impl Cm5Board {
         let bus = MasterEnd::new(ServoBus::new(make.bus, make.servos));
         let new_bridge = move || Bridge::new(make.settings, Instant::now());
         let bridge = Rc::new(RefCell::new(new_bridge()));
-        let watchdog = Rc::new(Watchdog::new());
+        let watchdog = Rc::new(Watchdog::new(app::BRIDGE_WATCHDOG_PERIOD));
         let restarts = Rc::new(Cell::new(0));
         let running = Running::new({
             let (mut pc_rx, mut pc_tx) = line.board_end();
@@ -103,12 +101,11 @@ impl Cm5Board {
                     let (rx, tx) = (&mut bus_rx, &mut bus_tx);
                     let feed = || watchdog.feed();
                     let watch = &watchdog;
-                    let loops = join4(
+                    let loops = join3(
                         watch.watch(Task::Receive, app::bridge_receive(&mut pc_rx, &bridge, &all)),
                         watch
                             .watch(Task::Transmit, app::bridge_transmit(&mut pc_tx, &bridge, &all)),
-                        watch.watch(Task::Bus, app::bridge_bus(rx, tx, &bridge, &all)),
-                        watch.watch(Task::Supervision, app::bridge_supervise(feed, &all)),
+                        watch.watch(Task::Bus, app::bridge_bus(rx, tx, &bridge, &all, feed)),
                     );
                     select(loops, watchdog.bites()).await;
                     bridge.replace(new_bridge());

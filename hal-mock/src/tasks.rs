@@ -10,7 +10,7 @@ use core::pin::{Pin, pin};
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::task::{Context, Poll, Waker};
 
-use embassy_futures::join::join5;
+use embassy_futures::join::join4;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
@@ -39,21 +39,20 @@ pub enum Task {
     Display,
     /// [`app::link`].
     Link,
-    /// [`app::supervise`].
-    Supervision,
 }
 
 /// A watchdog that bites when it is not fed, and the hand that can make a task hang.
 pub struct Watchdog<T = Task> {
+    period: Duration,
     fed: Cell<Instant>,
     /// The task that hangs: it is not polled any more.
     pub hung: Cell<Option<T>>,
 }
 
 impl<T: Copy + PartialEq> Watchdog<T> {
-    /// Fed just now, and nothing hangs.
-    pub fn new() -> Self {
-        Self { fed: Cell::new(Instant::now()), hung: Cell::new(None) }
+    /// Fed just now, and nothing hangs. It bears so long without food.
+    pub fn new(period: Duration) -> Self {
+        Self { period, fed: Cell::new(Instant::now()), hung: Cell::new(None) }
     }
 
     /// Feeds it.
@@ -64,7 +63,7 @@ impl<T: Copy + PartialEq> Watchdog<T> {
     /// Until it bites.
     pub async fn bites(&self) {
         loop {
-            let at = self.fed.get() + app::WATCHDOG_PERIOD;
+            let at = self.fed.get() + self.period;
             if Instant::now() >= at {
                 return;
             }
@@ -83,12 +82,6 @@ impl<T: Copy + PartialEq> Watchdog<T> {
     }
 }
 
-impl<T: Copy + PartialEq> Default for Watchdog<T> {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// The tasks of a board, as one task.
 pub async fn all<S: Session>(
     plant: &RefCell<Plant>,
@@ -98,14 +91,14 @@ pub async fn all<S: Session>(
     channels: &Channels<S::Counters>,
     watchdog: &Watchdog,
 ) {
-    let make_safe = || plant.borrow_mut().outputs = Outputs::default();
     let mut slow = SlowBench { plant, started: false };
-    join5(
-        watchdog.watch(Task::Control, app::control(&mut Bench(plant), controller, channels)),
+    let mut bench = Bench(plant);
+    let feed = |_| watchdog.feed();
+    join4(
+        watchdog.watch(Task::Control, app::control(&mut bench, controller, channels, feed)),
         watchdog.watch(Task::Sensors, app::sensors(&mut slow, channels)),
         watchdog.watch(Task::Display, app::display(&mut Bench(plant), channels)),
         watchdog.watch(Task::Link, app::link(rx, tx, session, channels)),
-        watchdog.watch(Task::Supervision, app::supervise(|| watchdog.feed(), make_safe, channels)),
     )
     .await;
 }

@@ -7,7 +7,7 @@
 use std::thread;
 
 use embassy_time::Instant;
-use firmware::command::{Command, Configuration};
+use firmware::command::Command;
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
@@ -189,12 +189,10 @@ impl Model {
                     }
                 }
             }
-            Command::Configure(channel, _) => {
-                for polarity in [Polarity::Positive, Polarity::Negative] {
-                    let mut only = Configuration::default();
-                    only.add(Parameter::Polarity(channel, polarity)).unwrap();
-                    if only.take() == Some(*command) {
-                        self.reversed[channel.index()] = polarity == Polarity::Negative;
+            Command::Configure(configuration) => {
+                for (reversed, channel) in self.reversed.iter_mut().zip(configuration.channels) {
+                    if let Some(polarity) = channel.polarity {
+                        *reversed = polarity == Polarity::Negative;
                     }
                 }
             }

@@ -21,7 +21,7 @@ impl Digest {
     }
 }
 
-fn configuration() -> Vec<Command> {
+fn configuration() -> Command {
     let mut configuration = Configuration::default();
     let [c0, c1, c2, c3, ..] = Channel::ALL;
     for parameter in [
@@ -34,11 +34,11 @@ fn configuration() -> Vec<Command> {
     ] {
         configuration.add(parameter).unwrap();
     }
-    std::iter::from_fn(|| configuration.take()).collect()
+    Command::Configure(configuration)
 }
 
 /// Another polarity and another method every time.
-fn toggled(period: u32) -> Vec<Command> {
+fn toggled(period: u32) -> Command {
     let mut configuration = Configuration::default();
     let [_, c1, c2, c3, ..] = Channel::ALL;
     let odd = period / 1000 % 2 == 1;
@@ -54,7 +54,7 @@ fn toggled(period: u32) -> Vec<Command> {
     ] {
         configuration.add(parameter).unwrap();
     }
-    std::iter::from_fn(|| configuration.take()).collect()
+    Command::Configure(configuration)
 }
 
 #[test]
@@ -81,29 +81,29 @@ fn the_controller_gives_these_bits_on_every_machine() {
         }
         let all = |target: i16| [Some(target), None, Some(target), Some(target), None, None];
         let commands = match period % 1000 {
-            0 if period == 0 => configuration(),
-            100 => vec![Command::Drive {
+            0 if period == 0 => Some(configuration()),
+            100 => Some(Command::Drive {
                 method: Method::Position,
                 targets: all(random(4096) as i16),
                 periods: 300,
-            }],
-            400 => vec![Command::Drive {
+            }),
+            400 => Some(Command::Drive {
                 method: Method::Velocity,
                 targets: [None, Some(random(6000) as i16 - 3000), None, None, Some(900), None],
                 periods: random(100) as u16,
-            }],
+            }),
             700 => {
-                vec![Command::MoveServos { targets: all(1000 + random(5000) as i16), periods: 250 }]
+                Some(Command::MoveServos { targets: all(1000 + random(5000) as i16), periods: 250 })
             }
-            800 => vec![Command::Drive {
+            800 => Some(Command::Drive {
                 method: Method::Pwm,
                 targets: [None, None, None, None, None, Some(random(32_768) as i16 - 16_384)],
                 periods: random(200) as u16,
-            }],
-            850 => vec![Command::Run { scope: Scope::All, run: period % 2000 < 1000 }],
-            900 => vec![Command::Run { scope: Scope::All, run: true }],
-            950 => toggled(period),
-            _ => vec![],
+            }),
+            850 => Some(Command::Run { scope: Scope::All, run: period % 2000 < 1000 }),
+            900 => Some(Command::Run { scope: Scope::All, run: true }),
+            950 => Some(toggled(period)),
+            _ => None,
         };
         // An obstacle comes and goes; the host falls silent for three seconds of every eight.
         let sonar_cm = [if period % 700 < 100 { 20 } else { 255 }; 6];

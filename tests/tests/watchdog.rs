@@ -1,5 +1,5 @@
 //! Tasks that hang, one after the other: nothing is driven any more within 100 ms, and the board
-//! starts again within 500 ms. And a line that loses bytes.
+//! starts again. And a line that loses bytes.
 
 use hal_mock::board::Make;
 use hal_mock::tasks::Task;
@@ -26,11 +26,17 @@ fn latched(bench: &Bench) -> Vec<Fault> {
 }
 
 #[test]
-fn a_task_that_hangs_switches_everything_off_within_100_ms_and_restarts_the_board_within_500() {
-    use Task::{Control, Display, Link, Sensors, Supervision};
-    for task in [Control, Sensors, Display, Link, Supervision] {
-        let (mut soonest_off, mut latest_off) = (u64::MAX, 0);
-        let (mut soonest_reset, mut latest_reset) = (u64::MAX, 0);
+fn a_task_that_hangs_switches_everything_off_and_restarts_the_board() {
+    use Task::{Control, Display, Link, Sensors};
+    // Control in its last period before the watchdog's 51 ms, which then take the outputs too. A
+    // task after 90 ms of silence, less the 50 that it may have waited, and 51 ms before the reset.
+    for (task, off_within, reset_within) in [
+        (Control, 51..=53, 51..=53),
+        (Sensors, 70..=91, 121..=144),
+        (Display, 40..=91, 91..=144),
+        (Link, 40..=91, 91..=144),
+    ] {
+        let (mut offs, mut resets) = (Vec::new(), Vec::new());
         for phase in 0..60 {
             let mut bench = driving(phase);
             bench.board.watchdog.hung.set(Some(task));
@@ -43,20 +49,44 @@ fn a_task_that_hangs_switches_everything_off_within_100_ms_and_restarts_the_boar
                     reset = Some(ms);
                 }
             }
-            let (off, reset) = (off.expect("off"), reset.expect("a reset"));
-            (soonest_off, latest_off) = (soonest_off.min(off), latest_off.max(off));
-            (soonest_reset, latest_reset) = (soonest_reset.min(reset), latest_reset.max(reset));
+            offs.push(off.expect("off"));
+            resets.push(reset.expect("a reset"));
             // It is as after any start: a command moves it again.
             bench.drive(Quantity::Pwm, 0, 16384 + 4000, 0);
             bench.run_alive_ms(1000);
             assert_eq!(bench.bridge(0), (4000, true));
             assert_eq!(latched(&bench), [Fault::WatchdogReset]);
         }
-        println!(
-            "{task:?}: off after {soonest_off} to {latest_off} ms, reset after {soonest_reset} to {latest_reset} ms"
-        );
-        assert!(soonest_off >= 35 && latest_off <= 100, "{task:?}");
-        assert!(soonest_reset >= 350 && latest_reset <= 500, "{task:?}");
+        let ends = |times: &[u64]| (*times.iter().min().unwrap(), *times.iter().max().unwrap());
+        let ((first_off, last_off), (first, last)) = (ends(&offs), ends(&resets));
+        println!("{task:?}: off after {first_off} to {last_off} ms, reset {first} to {last} ms");
+        let are_within = off_within.contains(&first_off) && off_within.contains(&last_off);
+        assert!(are_within, "{task:?}: off after {first_off} to {last_off}");
+        let are_within = reset_within.contains(&first) && reset_within.contains(&last);
+        assert!(are_within, "{task:?}: reset after {first} to {last}");
+    }
+}
+
+#[test]
+fn nothing_is_driven_before_every_task_has_begun_and_one_that_never_does_resets_the_board() {
+    for task in [Task::Sensors, Task::Display] {
+        let mut bench = Bench::new();
+        bench.board.watchdog.hung.set(Some(task)); // before it is polled for the first time
+        bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+        let mut reset = None;
+        for ms in 1..=1200 {
+            bench.run_ms(1);
+            assert!(is_off(&bench), "{task:?}");
+            if reset.is_none() && latched(&bench) == [Fault::WatchdogReset] {
+                reset = Some(ms);
+            }
+        }
+        // Excused for a second, and then the watchdog's 51 ms.
+        let reset = reset.expect("a reset");
+        assert!((1050..=1056).contains(&reset), "{task:?}: {reset} ms");
+        bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+        bench.run_alive_ms(100);
+        assert_eq!(bench.bridge(0), (8000, true));
     }
 }
 
@@ -79,7 +109,7 @@ fn a_task_that_comes_back_does_not_set_anything_in_motion_again() {
     for task in [Task::Control, Task::Sensors, Task::Display, Task::Link] {
         let mut bench = driving(0);
         bench.board.watchdog.hung.set(Some(task));
-        bench.run_ms(110);
+        bench.run_ms(92);
         assert!(is_off(&bench));
         bench.board.watchdog.hung.set(None);
         // The tasks have to be polled for it.
@@ -95,10 +125,10 @@ fn a_task_that_comes_back_does_not_set_anything_in_motion_again() {
 #[test]
 fn tasks_that_are_busy_but_alive_let_nothing_starve() {
     let mut bench = driving(0);
-    for task in [Task::Control, Task::Sensors, Task::Display, Task::Link, Task::Supervision] {
+    for task in [Task::Control, Task::Sensors, Task::Display, Task::Link] {
         for _ in 0..10 {
             bench.board.watchdog.hung.set(Some(task));
-            bench.run_ms(if task == Task::Supervision { 45 } else { 35 });
+            bench.run_ms(35);
             bench.board.watchdog.hung.set(None);
             bench.board.line.host_sends(&[0]);
             bench.run_alive_ms(200);
@@ -127,7 +157,7 @@ fn a_transmitter_that_never_ends_is_a_hang_too_though_the_host_is_heard() {
         }
         // The three reports of telemetry take 9 ms of every 50; then it hangs in the next.
         let (off, reset) = (off.expect("off"), reset.expect("a reset"));
-        assert!((80..=145).contains(&off) && (400..=545).contains(&reset), "{off} {reset}");
+        assert!((80..=145).contains(&off) && reset - off == 52, "{off} {reset}");
     }
 }
 

@@ -6,24 +6,22 @@
 //!   PC <── transmit ───┘             └─────┴────── servos, our own echo
 //! ```
 //!
-//! Three loops share the bridge, and none of them waits for another. A fourth feeds the watchdog as
-//! long as all of them, and itself, come round ([`Presence`]).
+//! Three loops share the bridge, and none of them waits for another. The bus's feeds the watchdog
+//! while the others come round (`liveness`).
 //!
 //! A bridge has no outputs of its own: when one of its loops hangs nobody can be switched off,
 //! since an AX-12 listens to nothing but its bus. What holds then:
 //!
-//! | hangs | until the reset, within 500 ms | from the reset on |
+//! | hangs | until the reset, within 500 ms with the nominal LSI | from the reset on |
 //! |---|---|---|
 //! | `bus` | the bus is silent: joints end the move that they were sent on, and hold; what turns endlessly goes on turning | as at any start: joints are left alone until the PC has answered a hello; what turns endlessly is stopped when the bus is searched and the PC is silent for its time-out |
-//! | `receive`, `transmit`, supervision | the bus goes on with the goals that it has | the same |
+//! | `receive`, `transmit` | the bus goes on with the goals that it has | the same |
 //!
-//! The PC's time-out is longer than the reset takes, so a hang never makes a robot go limp. Unlike
-//! the controller's tasks ([`Roll`](super::Roll)) a loop that is late is forgiven: the longest
-//! report, of 100 servos at 57,600 baud, takes `transmit` 140 ms.
+//! The PC's time-out is longer than the reset takes, so a hang never makes a robot go limp.
 
 use core::cell::RefCell;
 
-use embassy_futures::join::join4;
+use embassy_futures::join::join3;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
@@ -31,25 +29,25 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Instant, Timer};
 use embedded_io_async::{Read, Write};
 
-use super::presence::{CHECK_IN_PERIOD, Presence};
+use super::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
 use super::{CHUNK, LINE_DOWN};
 use crate::personality::cm5::{Bridge, MAX_REQUEST};
 
-/// Who must show signs of life, as bits.
-const RECEIVE: u8 = 1 << 0;
-const TRANSMIT: u8 = 1 << 1;
-const BUS: u8 = 1 << 2;
+/// Who must answer, for the bus's loop to feed the watchdog.
+const RECEIVE: usize = 0;
+const TRANSMIT: usize = 1;
+const TASKS: usize = 2;
 
 /// What the loops of a bridge share, made once by `main`.
 pub struct BridgeChannels<M: RawMutex> {
-    presence: Presence<M>,
+    roll_call: RollCall<M, TASKS>,
     something_to_send: Signal<NoopRawMutex, ()>,
 }
 
 impl<M: RawMutex> BridgeChannels<M> {
     /// Nobody has come round yet.
     pub const fn new() -> Self {
-        Self { presence: Presence::new(RECEIVE | TRANSMIT | BUS), something_to_send: Signal::new() }
+        Self { roll_call: RollCall::new(BRIDGE_SILENCE), something_to_send: Signal::new() }
     }
 
     fn notify(&self, bridge: &RefCell<Bridge>) {
@@ -66,7 +64,7 @@ impl<M: RawMutex> Default for BridgeChannels<M> {
 }
 
 /// Runs the bridge, and calls `feed` as long as its loops come round: the watchdog must bear
-/// [`WATCHDOG_PERIOD`](super::WATCHDOG_PERIOD). What holds for the lines of [`link`](super::link)
+/// [`BRIDGE_WATCHDOG_PERIOD`](super::BRIDGE_WATCHDOG_PERIOD). What holds for the lines of [`link`](super::link)
 /// holds for both of these; a failed line is counted, and used again after 1 ms.
 ///
 /// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
@@ -83,11 +81,10 @@ pub async fn bridge<M: RawMutex>(
     channels: &BridgeChannels<M>,
     feed: impl FnMut(),
 ) -> ! {
-    join4(
+    join3(
         bridge_receive(pc_rx, bridge, channels),
         bridge_transmit(pc_tx, bridge, channels),
-        bridge_bus(bus_rx, bus_tx, bridge, channels),
-        bridge_supervise(feed, channels),
+        bridge_bus(bus_rx, bus_tx, bridge, channels, feed),
     )
     .await;
     unreachable!("all loops are endless")
@@ -101,7 +98,7 @@ pub async fn bridge_receive<M: RawMutex>(
 ) -> ! {
     let mut buffer = [0; CHUNK];
     loop {
-        channels.presence.check_in(RECEIVE);
+        channels.roll_call.answer(RECEIVE);
         let check_in_at = Instant::now() + CHECK_IN_PERIOD;
         let until = bridge.borrow().gives_up_at().unwrap_or(Instant::MAX).min(check_in_at);
         let bytes: &[u8] = match select(pc_rx.read(&mut buffer), Timer::at(until)).await {
@@ -127,7 +124,7 @@ pub async fn bridge_transmit<M: RawMutex>(
 ) -> ! {
     let mut buffer = [0; Bridge::MAX_PACKET];
     loop {
-        channels.presence.check_in(TRANSMIT);
+        channels.roll_call.answer(TRANSMIT);
         let packet = bridge.borrow_mut().transmit(Instant::now(), &mut buffer);
         match packet {
             Some(packet) => {
@@ -145,17 +142,20 @@ pub async fn bridge_transmit<M: RawMutex>(
     }
 }
 
-/// Talks to the servos: a loop of [`bridge`].
+/// Talks to the servos, and feeds the watchdog: a loop of [`bridge`].
 pub async fn bridge_bus<M: RawMutex>(
     bus_rx: &mut impl Read,
     bus_tx: &mut impl Write,
     bridge: &RefCell<Bridge>,
     channels: &BridgeChannels<M>,
+    mut feed: impl FnMut(),
 ) -> ! {
     let mut request = [0; MAX_REQUEST];
     let mut buffer = [0; CHUNK];
     loop {
-        channels.presence.check_in(BUS);
+        if channels.roll_call.check(false) != Liveness::Hung {
+            feed();
+        }
         let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
         channels.notify(bridge);
         if let Some(packet) = packet {
@@ -178,9 +178,4 @@ pub async fn bridge_bus<M: RawMutex>(
             Either::Second(()) => {}
         }
     }
-}
-
-/// Feeds the watchdog: a loop of [`bridge`].
-pub async fn bridge_supervise<M: RawMutex>(feed: impl FnMut(), channels: &BridgeChannels<M>) -> ! {
-    channels.presence.supervise(feed).await
 }

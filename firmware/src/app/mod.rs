@@ -8,7 +8,7 @@
 //!                      │ Picture                             ↑ Sensors
 //!                      └────────> display ──> LcdPort        └── sensors <── SensorPort
 //!
-//!  supervise: feeds the watchdog as long as all of the above answer the roll call of control
+//!  control feeds the watchdog while all of the above come round (`liveness`)
 //!  upkeep: saves settings and restarts the board, while control is held back with nothing driven
 //! ```
 //!
@@ -21,8 +21,7 @@
 
 mod bridge;
 mod latest;
-mod presence;
-mod roll;
+mod liveness;
 
 use core::cell::RefCell;
 
@@ -38,19 +37,15 @@ use embedded_storage::nor_flash::NorFlash;
 use protocol::pms5005::extension::Fault;
 
 use crate::command::Command;
-use crate::controller::Controller;
+use crate::controller::{Controller, Snapshot};
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
 use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
-pub use bridge::{
-    BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_supervise, bridge_transmit,
-};
-pub use latest::{Latest, LatestSnapshot};
-use presence::CHECK_IN_PERIOD;
-pub use presence::{ERASE_PERIOD, WATCHDOG_PERIOD};
-pub use roll::Roll;
-use roll::Task;
+pub use bridge::{BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_transmit};
+pub use latest::Latest;
+pub use liveness::{BRIDGE_WATCHDOG_PERIOD, ERASE_PERIOD, WATCHDOG_PERIOD};
+use liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
 /// 115200 baud, so a period brings two at most; parameters of all channels bring seven in 2.3 ms, new
@@ -66,13 +61,23 @@ const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64)
 /// acknowledgement behind the longest frame take 25 ms at 115200 baud.
 const FAREWELL: Duration = Duration::from_millis(100);
 
+/// Who must answer, for control to drive and to feed the watchdog.
+#[derive(Clone, Copy)]
+enum Task {
+    Sensors,
+    Display,
+    Receive,
+    Transmit,
+}
+const TASKS: usize = 4;
+
 /// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     pictures: Channel<M, Picture, PICTURES>,
-    roll: Roll<M>,
+    roll_call: RollCall<M, TASKS>,
     /// The newest state of the controller.
-    pub snapshot: LatestSnapshot<M>,
+    pub snapshot: Latest<M, Snapshot>,
     /// The newest reading of the slow sensors.
     pub sensors: Latest<M, Sensors>,
     /// What the session has counted.
@@ -92,8 +97,8 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
         Self {
             commands: Channel::new(),
             pictures: Channel::new(),
-            roll: Roll::new(),
-            snapshot: LatestSnapshot::new(),
+            roll_call: RollCall::new(LONGEST_SILENCE),
+            snapshot: Latest::new(Snapshot::BOOT),
             sensors: Latest::new(Sensors::UNKNOWN),
             link: Latest::new(C::default()),
             signs_of_life: Latest::new(0),
@@ -104,17 +109,25 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
     }
 }
 
+impl<M: RawMutex, C: Copy> Channels<M, C> {
+    fn answer(&self, task: Task) {
+        self.roll_call.answer(task as usize);
+    }
+}
+
 impl<M: RawMutex, C: Copy + Default> Default for Channels<M, C> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-/// Runs the controller once every control period. Deadline: the period, 1 ms.
+/// Runs the controller once every control period, and feeds the watchdog: `feed` is told whether
+/// anything is driven. The watchdog must bear [`WATCHDOG_PERIOD`]. Deadline: the period, 1 ms.
 pub async fn control<M: RawMutex, C: Copy>(
     port: &mut impl MotionPort,
     controller: &mut Controller,
     channels: &Channels<M, C>,
+    mut feed: impl FnMut(bool),
 ) -> ! {
     let mut due = Instant::now();
     let mut worst_latency_us = 0;
@@ -141,29 +154,22 @@ pub async fn control<M: RawMutex, C: Copy>(
             &channels.sensors.get(),
             channels.signs_of_life.get(),
         );
-        let may_drive = if is_held { channels.roll.pause() } else { channels.roll.call() };
-        if !may_drive {
+        let liveness = channels.roll_call.check(is_held);
+        if liveness != Liveness::Alive {
             snapshot.outputs = Outputs::default();
         }
         port.drive(&snapshot.outputs);
+        if liveness != Liveness::Hung {
+            feed(!snapshot.outputs.are_off());
+        }
         worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
-        channels.snapshot.set(&snapshot);
+        channels.snapshot.set(snapshot);
     }
 }
 
 fn microseconds(time: Duration) -> u16 {
     u16::try_from(time.as_micros()).unwrap_or(u16::MAX)
-}
-
-/// Calls `feed` as long as every task answers, and `make_safe` when control does not: [`Roll`]. The
-/// watchdog must bear [`WATCHDOG_PERIOD`].
-pub async fn supervise<M: RawMutex, C: Copy>(
-    feed: impl FnMut(),
-    make_safe: impl FnMut(),
-    channels: &Channels<M, C>,
-) -> ! {
-    channels.roll.supervise(feed, make_safe).await
 }
 
 /// Saves settings and starts programs, while control is held back and if nothing is driven: flash
@@ -224,7 +230,7 @@ pub async fn sensors<M: RawMutex, C: Copy>(
 ) -> ! {
     loop {
         channels.sensors.set(port.read().await);
-        channels.roll.answer(Task::Sensors);
+        channels.answer(Task::Sensors);
     }
 }
 
@@ -234,7 +240,7 @@ pub async fn display<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
-        channels.roll.answer(Task::Display);
+        channels.answer(Task::Display);
         let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
         if let Ok(picture) = waited {
             port.show(picture.number, &picture.columns).await;
@@ -262,7 +268,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
-            channels.roll.answer(Task::Receive);
+            channels.answer(Task::Receive);
             publish();
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
@@ -270,9 +276,10 @@ pub async fn link<M: RawMutex, S: Session>(
             // else handed commands on, these would overtake the ones before them.
             let upkeep_done = channels.upkeep_done.wait();
             let event = select3(upkeep_done, rx.read(&mut buffer), Timer::at(until)).await;
+            let mut request = None;
             let mut bytes: &[u8] = match event {
                 Either3::First(result) => {
-                    session.borrow_mut().upkeep_done(result);
+                    request = session.borrow_mut().upkeep_done(result);
                     &[]
                 }
                 Either3::Second(Ok(count)) if count > 0 => &buffer[..count],
@@ -290,16 +297,16 @@ pub async fn link<M: RawMutex, S: Session>(
             };
             loop {
                 let now = Instant::now();
-                let request = {
+                request = request.or_else(|| {
                     let mut session = session.borrow_mut();
                     session.receive(&mut bytes, now).or_else(|| {
                         // A snapshot is only copied for a session that has its time.
                         session.wakes_at().filter(|&at| at <= now)?;
                         session.advance(now, &channels.snapshot.get())
                     })
-                };
+                });
                 channels.signs_of_life.set(session.borrow().signs_of_life());
-                match request {
+                match request.take() {
                     Some(Request::Control(command)) => channels.commands.send(command).await,
                     Some(Request::Upkeep(task)) => {
                         while !channels.commands.is_empty() {
@@ -329,7 +336,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let transmit = async {
         let mut buffer = [0; MAX_FRAME];
         loop {
-            channels.roll.answer(Task::Transmit);
+            channels.answer(Task::Transmit);
             let snapshot = || channels.snapshot.get();
             let frame = session.borrow_mut().transmit(Instant::now(), snapshot, &mut buffer);
             match frame {

@@ -36,5 +36,5 @@ async fn main(_spawner: Spawner) {
     let bridge = BRIDGE.init_with(|| RefCell::new(Bridge::new(SETTINGS, Instant::now())));
     let channels = app::BridgeChannels::<NoopRawMutex>::new();
     let (pc, bus) = ((pc_rx, pc_tx), (bus_rx, bus_tx));
-    app::bridge(pc, bus, bridge, &channels, || watchdog.feed()).await;
+    app::bridge(pc, bus, bridge, &channels, || watchdog.feed(false)).await;
 }

@@ -31,6 +31,8 @@ pub fn clocks(hse: Hse) -> Peripherals {
     config.rcc.apb2_pre = rcc::APBPrescaler::DIV2;
     let peripherals = embassy_stm32::init(config);
     speed_up_flash();
+    // embassy's clock stands still with the core that a debugger halts: no period is missed then.
+    pac::DBGMCU.apb1fzr().modify(|w| w.set_tim5(true));
     #[cfg(feature = "qemu")]
     if let Some(core) = cortex_m::Peripherals::take() {
         systick::start(core.SYST);

@@ -11,7 +11,6 @@
 //! | display | I2C1, polled |
 //! | rangers, remote | EXTI 1, 4, 5, 7, 8, 10; 13 |
 //! | embassy's clock | TIM5 |
-//! | control's heartbeat | SysTick |
 //! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused |
 //!
 //! README.md beside this file is the wiring table for people.
@@ -39,6 +38,7 @@ use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
 use super::{Board, BridgeBoard, boot, flash, line, motion, sensing, system};
+use crate::app::{BRIDGE_WATCHDOG_PERIOD, WATCHDOG_PERIOD};
 use crate::settings::store::Store;
 
 /// How this board's bridges want their duty. Change it for drivers with a direction input.
@@ -155,7 +155,7 @@ pub fn start(baud: u32) -> Board {
     system::begin();
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG, WATCHDOG_PERIOD);
     let reset = boot::reset_cause();
 
     enable_and_reset::<TIM1>();
@@ -275,7 +275,7 @@ pub fn start_bridge(
 ) -> BridgeBoard {
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG, BRIDGE_WATCHDOG_PERIOD);
     boot::reset_cause();
     claim_outputs!(p);
     let (pc_rx, pc_tx) = host_line!(p, baud);

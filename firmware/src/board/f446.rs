@@ -16,7 +16,6 @@
 //! | inputs 0 and 1 | the blue button PC13, PC12 | 2 of 8, the others read 0 |
 //! | outputs 0 and 1 | LD2 on PA5, PA4 | 2 of 8, the others are ignored |
 //! | embassy's clock | TIM5 | |
-//! | control's heartbeat | SysTick | |
 //! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused | |
 //!
 //! What the board has on its pins is left alone: SWD (PA13, PA14), the 32 kHz crystal (PC14,
@@ -47,6 +46,7 @@ use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
 use super::{Board, BridgeBoard, boot, flash, line, motion, sensing, system};
+use crate::app::{BRIDGE_WATCHDOG_PERIOD, WATCHDOG_PERIOD};
 use crate::settings::store::Store;
 
 /// The ST-LINK's MCO drives OSC_IN.
@@ -149,7 +149,7 @@ pub fn start(baud: u32) -> Board {
     system::begin();
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG, WATCHDOG_PERIOD);
     let reset = boot::reset_cause();
 
     enable_and_reset::<TIM1>();
@@ -241,7 +241,7 @@ pub fn start_bridge(
 ) -> BridgeBoard {
     let p = boot::clocks(CLOCK);
     claim_enables!(p);
-    let watchdog = Watchdog::start(p.IWDG);
+    let watchdog = Watchdog::start(p.IWDG, BRIDGE_WATCHDOG_PERIOD);
     boot::reset_cause();
     claim_outputs!(p);
     let (pc_rx, pc_tx) = host_line!(p, baud);

@@ -1,7 +1,7 @@
 //! Panic and hard fault: the outputs first, then a word to the log, then the watchdog.
 //!
-//! Neither returns. The watchdog is fed no more, resets the board within a second, and the boot
-//! log names it as the cause.
+//! Neither returns. The watchdog is fed no more, resets the board within 100 ms, and the boot log names
+//! it as the cause.
 
 use core::arch::global_asm;
 use core::panic::PanicInfo;

@@ -4,8 +4,7 @@
 //! The core stands still when it fetches from a flash that is at work: for 16 us (100 at the most)
 //! a word, for 250 ms (500 at the most) an erase, with 32 bits at a time, which take a supply of
 //! 2.7 V. embassy's clock cannot bear to miss its interrupts for more than 65 ms, and would run
-//! backwards later on; so it is stopped for an erase, and uptime is that much behind. Control,
-//! which waits for it, is not missed meanwhile.
+//! backwards later on; so it is stopped for an erase, and uptime is that much behind.
 //!
 //! Why not embassy's driver: it erases 8 bits at a time, which takes up to 800 ms, and leaves what
 //! was erased in the data cache (RM0090 section 3.6.4, and the data sheet's times).
@@ -24,7 +23,6 @@ use embedded_storage::nor_flash::{
     check_write,
 };
 
-use super::heartbeat;
 use super::line::CORE_STOOD_STILL;
 
 /// Where the first of the sectors begins.
@@ -122,12 +120,10 @@ fn erase(sector: u8) -> Result<(), FlashError> {
     erase.set_snb(sector);
     let clock = TIM5.cr1().read();
     TIM5.cr1().modify(|w| w.set_cen(false));
-    let result = heartbeat::unheard(|| {
-        unlocked(erase, || {
-            erase.set_strt(true);
-            FLASH.cr().write_value(erase);
-            finished()
-        })
+    let result = unlocked(erase, || {
+        erase.set_strt(true);
+        FLASH.cr().write_value(erase);
+        finished()
     });
     forget_cached();
     CORE_STOOD_STILL.store(true, Ordering::Relaxed);

@@ -13,7 +13,6 @@
 //! | [`flash`] | where the settings survive |
 //! | [`drives`] | bridges, servos, output port by registers alone, and their safe state |
 //! | [`motion`] | those, the encoders and the fast inputs as one port |
-//! | `heartbeat` | misses a control that drives no more: outputs safe first |
 //! | [`analog`] | 48 analogue inputs through three multiplexers, scanned without the CPU |
 //! | [`line`] | the host's UART |
 //! | [`bus`] | the bus of AX-12 servos, for the CM-5's image |
@@ -42,7 +41,6 @@
 mod boot;
 mod dma;
 mod fault;
-mod heartbeat;
 #[cfg(feature = "qemu")]
 mod systick;
 
@@ -80,7 +78,7 @@ pub struct Board {
     pub rx: line::Receiver,
     /// For `app::link`, to the host.
     pub tx: line::Sender,
-    /// For `app::supervise`.
+    /// For `app::control`.
     pub watchdog: watchdog::Watchdog,
     /// For `app::upkeep`.
     pub system: system::System,
@@ -101,6 +99,6 @@ pub struct BridgeBoard {
     pub bus_rx: bus::Receiver,
     /// Sends on the bus.
     pub bus_tx: bus::Sender,
-    /// For `Presence::supervise`.
+    /// For `app::bridge`.
     pub watchdog: watchdog::Watchdog,
 }

@@ -1,8 +1,7 @@
 //! Bridges, servos, encoders, and what is sampled for control: `app::control`'s port.
 //!
 //! Promise: registers are written only when an output changes, a bridge's enable line first when
-//! it goes off and last when it goes on. Who has driven it once and does no more is missed:
-//! `heartbeat`.
+//! it goes off and last when it goes on.
 
 use embassy_stm32::gpio::{Level, Output, Pull};
 use embassy_stm32::timer::GeneralInstance4Channel;
@@ -11,7 +10,6 @@ use protocol::pms5005::CHANNELS;
 
 use super::analog::Analog;
 use super::drives::{Drives, servo_compare};
-use super::heartbeat;
 use crate::ports::{MotionInputs, MotionPort, Outputs};
 
 /// The motion hardware, with the timers of the two encoders.
@@ -33,8 +31,6 @@ impl<A: GeneralInstance4Channel, B: GeneralInstance4Channel> Motion<A, B> {
         encoders: (Qei<'static, A>, Qei<'static, B>),
         directions: [Option<Output<'static>>; CHANNELS],
     ) -> Self {
-        #[cfg(not(feature = "qemu"))] // there SysTick is running
-        heartbeat::start();
         Self { drives, analog, encoders, directions, driven: Outputs::default() }
     }
 }
@@ -83,6 +79,5 @@ impl<A: GeneralInstance4Channel, B: GeneralInstance4Channel> MotionPort for Moti
             port.write(outputs.gpio.into());
         }
         self.driven = *outputs;
-        heartbeat::beat();
     }
 }

@@ -1,5 +1,5 @@
 //! embassy's clock on SysTick, for QEMU, whose STM32 timers have no compare interrupts. It counts
-//! milliseconds, and listens to control's heart, as SysTick does on a board.
+//! milliseconds.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -11,8 +11,6 @@ use cortex_m_rt::exception;
 use critical_section::Mutex;
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
-
-use super::heartbeat;
 
 /// The processor clock of the machine, whatever the image asks of RCC.
 const CLOCK_HZ: u32 = 168_000_000;
@@ -48,10 +46,7 @@ impl Driver for Clock {
 
 #[exception]
 fn SysTick() {
-    let before = CLOCK.milliseconds.fetch_add(1, Ordering::Relaxed);
-    if before.is_multiple_of(heartbeat::LOOK_PERIOD_MS) {
-        heartbeat::look();
-    }
+    CLOCK.milliseconds.fetch_add(1, Ordering::Relaxed);
     critical_section::with(|cs| {
         CLOCK.queue.borrow_ref_mut(cs).next_expiration(CLOCK.now());
     });

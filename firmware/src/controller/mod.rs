@@ -20,7 +20,7 @@ use core::array;
 use protocol::pms5005::extension::{Fault, FaultRecord};
 use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
-use crate::command::{ChannelConfiguration, Command, ENCODERS, Refused};
+use crate::command::{ChannelConfiguration, Command, Configuration, ENCODERS, Refused};
 use crate::control::axis::{Axis, Reading, scale};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
@@ -30,7 +30,7 @@ use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{self, ChannelMonitor, Observed};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
-use crate::settings::{ControlPart, ControlSettings};
+use crate::settings::ControlSettings;
 use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
 use shaft::{Shaft, angle};
 pub use snapshot::{ControlCounters, EncoderReading, ShownFault, Snapshot};
@@ -280,19 +280,16 @@ impl Controller {
                 }
                 Ok(())
             }
-            Command::Configure(channel, ref changes) => {
-                self.configure(channel, changes, motion);
-                Ok(())
-            }
-            Command::ProtectFromCollisions(on) => {
-                self.guard.enabled = on;
-                Ok(())
-            }
-            Command::Adopt(ref part) => {
-                self.settings.adopt(part);
-                if matches!(part, ControlPart::BoardFaults(_)) {
-                    self.board.forget_looks();
+            Command::Configure(Configuration { ref channels, collision_protection }) => {
+                for (channel, changes) in Channel::ALL.into_iter().zip(channels) {
+                    self.configure(channel, changes, motion);
                 }
+                self.guard.enabled = collision_protection.unwrap_or(self.guard.enabled);
+                Ok(())
+            }
+            Command::Adopt(ref settings) => {
+                self.settings = *settings;
+                self.board.forget_looks();
                 for axis in &mut self.axes {
                     axis.set_full_speed(self.settings.full_speed(axis.sensor()));
                 }

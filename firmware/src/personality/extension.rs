@@ -72,8 +72,6 @@ impl Owed {
 pub(super) struct Extension {
     /// The settings in force. Only this session changes them.
     settings: Settings,
-    /// Which part of them the controller is to be told next; behind the last it knows all.
-    next_part: u8,
     boot: Boot,
     booted: Instant,
     owed: Deque<Owed, ANSWERS_WAITING>,
@@ -86,15 +84,7 @@ pub(super) struct Extension {
 
 impl Extension {
     pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
-        Self {
-            settings,
-            next_part: u8::MAX,
-            boot,
-            booted: now,
-            owed: Deque::new(),
-            upkeep: None,
-            asked_fault: None,
-        }
+        Self { settings, boot, booted: now, owed: Deque::new(), upkeep: None, asked_fault: None }
     }
 
     /// The settings in force.
@@ -176,16 +166,16 @@ impl Extension {
                 (None, Some(Request::Control(Command::ShowFault(place))))
             }
             Asked::Health(_) => (None, None),
-            Asked::Set(assignments) => (Some(self.set(assignments)), None),
+            Asked::Set(assignments) => self.set(assignments),
             Asked::Do(action) => self.act(action),
         }
     }
 
     /// Sets all of them or none. None while a factory reset is pending, which would undo them.
-    fn set(&mut self, assignments: Assignments<'_>) -> Owed {
+    fn set(&mut self, assignments: Assignments<'_>) -> (Option<Owed>, Option<Request>) {
         let outcome = Outcome::of(did::PARAMETERS, assignments.as_bytes(), Verdict::Done);
         if self.upkeep == Some(Action::FactoryReset) {
-            return Owed::Outcome(Outcome { verdict: Verdict::Busy, ..outcome });
+            return (Some(Owed::Outcome(Outcome { verdict: Verdict::Busy, ..outcome })), None);
         }
         let mut settings = self.settings;
         let set = assignments
@@ -194,27 +184,20 @@ impl Extension {
             .and_then(|()| settings.check());
         let (verdict, setting) = match set {
             Ok(()) => {
-                self.force(settings);
-                (Verdict::Done, outcome.setting)
+                let adopt = self.force(settings);
+                return (Some(Owed::Outcome(outcome)), Some(adopt));
             }
             Err(SettingRefused::NoSuchSetting(number)) => (Verdict::NoSuchSetting, number),
             Err(SettingRefused::OutOfRange(number)) => (Verdict::OutOfRange, number),
             Err(SettingRefused::Contradiction(number)) => (Verdict::Contradiction, number),
         };
-        Owed::Outcome(Outcome { verdict, setting, ..outcome })
+        (Some(Owed::Outcome(Outcome { verdict, setting, ..outcome })), None)
     }
 
-    /// Puts settings into force, here and, part by part, in the controller.
-    fn force(&mut self, settings: Settings) {
+    /// Puts settings into force here, and yields what does so in the controller.
+    fn force(&mut self, settings: Settings) -> Request {
         self.settings = settings;
-        self.next_part = 0;
-    }
-
-    /// The next command of those that put settings into force.
-    pub(super) fn left_over(&mut self) -> Option<Command> {
-        let part = self.settings.control.part(self.next_part)?;
-        self.next_part += 1;
-        Some(Command::Adopt(part))
+        Request::Control(Command::Adopt(settings.control))
     }
 
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
@@ -236,19 +219,21 @@ impl Extension {
         (None, Some(Request::Upkeep(upkeep)))
     }
 
-    /// What came of the upkeep: the answer to it.
-    pub(super) fn done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Owed> {
-        let action = self.upkeep.take()?;
+    /// What came of the upkeep: the answer to it, and what is asked of the board.
+    pub(super) fn done(
+        &mut self,
+        result: Result<(), UpkeepRefused>,
+    ) -> (Option<Owed>, Option<Request>) {
+        let Some(action) = self.upkeep.take() else { return (None, None) };
         let verdict = match result {
             Ok(()) => Verdict::Done,
             Err(UpkeepRefused::OutputsOn) => Verdict::OutputsOn,
             Err(UpkeepRefused::NotAvailable) => Verdict::NotAvailable,
             Err(UpkeepRefused::FlashFailed) => Verdict::FlashFailed,
         };
-        if action == Action::FactoryReset && result.is_ok() {
-            self.force(Settings::DEFAULT);
-        }
-        Some(Owed::Outcome(Outcome::of_action(action, verdict)))
+        let is_reset = action == Action::FactoryReset && result.is_ok();
+        let adopt = is_reset.then(|| self.force(Settings::DEFAULT));
+        (Some(Owed::Outcome(Outcome::of_action(action, verdict))), adopt)
     }
 
     /// An answer as it is now; `None` for a setting that is none.

@@ -102,9 +102,11 @@ pub trait Session {
     /// Counts an error that the line reported.
     fn line_failed(&mut self);
 
-    /// What came of the [`Upkeep`] that it has asked for; [`receive`](Self::receive) tells what is to
-    /// be done about it. A program that can be started will be, a moment later.
-    fn upkeep_done(&mut self, _result: Result<(), UpkeepRefused>) {}
+    /// What came of the [`Upkeep`] that it has asked for, and what that asks of the board. A program
+    /// that can be started will be, a moment later.
+    fn upkeep_done(&mut self, _result: Result<(), UpkeepRefused>) -> Option<Request> {
+        None
+    }
 
     /// Counts a picture that found no room to wait.
     fn picture_dropped(&mut self) {}

@@ -197,55 +197,6 @@ impl ControlSettings {
     }
 }
 
-/// A part of [`ControlSettings`] that a command has room for. What must agree with each other is in
-/// one part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[expect(missing_docs)] // the names are those of the settings
-pub enum ControlPart {
-    Link { link_timeout: u16 },
-    Loops { ki_reading: KiReading, full_speed_encoder: u32, full_speed_potentiometer: u32 },
-    Collision(CollisionSettings),
-    SoftLimits([SoftLimits; CHANNELS]),
-    ChannelFaults(ChannelFaultSettings),
-    BoardFaults(BoardFaultSettings),
-}
-
-impl ControlSettings {
-    /// The part of this number, from 0; `None` behind the last.
-    pub fn part(&self, number: u8) -> Option<ControlPart> {
-        Some(match number {
-            0 => ControlPart::Link { link_timeout: self.link_timeout },
-            1 => ControlPart::Loops {
-                ki_reading: self.ki_reading,
-                full_speed_encoder: self.full_speed_encoder,
-                full_speed_potentiometer: self.full_speed_potentiometer,
-            },
-            2 => ControlPart::Collision(self.collision),
-            3 => ControlPart::SoftLimits(self.soft_limits),
-            4 => ControlPart::ChannelFaults(self.channel_faults),
-            5 => ControlPart::BoardFaults(self.board_faults),
-            _ => return None,
-        })
-    }
-
-    /// Takes a part over.
-    pub fn adopt(&mut self, part: &ControlPart) {
-        match *part {
-            ControlPart::Link { link_timeout } => self.link_timeout = link_timeout,
-            ControlPart::Loops { ki_reading, full_speed_encoder, full_speed_potentiometer } => {
-                self.ki_reading = ki_reading;
-                self.full_speed_encoder = full_speed_encoder;
-                self.full_speed_potentiometer = full_speed_potentiometer;
-            }
-            ControlPart::Collision(collision) => self.collision = collision,
-            ControlPart::SoftLimits(soft_limits) => self.soft_limits = soft_limits,
-            ControlPart::ChannelFaults(channel_faults) => self.channel_faults = channel_faults,
-            ControlPart::BoardFaults(board_faults) => self.board_faults = board_faults,
-        }
-    }
-}
-
 /// The PMS5005 session's settings, times in ms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LinkSettings {

@@ -5,7 +5,7 @@
 use super::*;
 use hal_mock::cm5_board::Task;
 
-const ALL: [Task; 4] = [Task::Receive, Task::Transmit, Task::Bus, Task::Supervision];
+const ALL: [Task; 3] = [Task::Receive, Task::Transmit, Task::Bus];
 
 /// A joint on its way, and a servo that turns endlessly; the PC is alive.
 fn joint_and_wheel(phase: u64) -> Bench {
@@ -61,7 +61,10 @@ fn a_loop_that_hangs_restarts_the_bridge_within_500_ms_and_no_joint_goes_limp() 
         let ends = |times: &[u64]| (times[0], times[times.len() - 1]);
         println!("{task:?}: reset {:?} ms, the wheel stops {:?} ms", ends(&resets), ends(&stops));
         let ((soonest, latest), (first, last)) = (ends(&resets), ends(&stops));
-        assert!(soonest >= 300 && latest <= 500, "{task:?}: {soonest} to {latest}");
+        // The watchdog's 250 ms, behind the 200 that a loop other than the bus's may be silent.
+        let bounds = if task == Task::Bus { 249..=251 } else { 400..=452 };
+        let are_within = bounds.contains(&soonest) && bounds.contains(&latest);
+        assert!(are_within, "{task:?}: {soonest} to {latest}");
         // The reset, half a second of search, a second of silence.
         assert!(first >= 1500 && last <= 2200, "{task:?}: {first} to {last}");
     }
@@ -69,12 +72,7 @@ fn a_loop_that_hangs_restarts_the_bridge_within_500_ms_and_no_joint_goes_limp() 
 
 #[test]
 fn while_the_pcs_side_hangs_the_bus_goes_on_and_while_the_bus_hangs_it_is_silent() {
-    for (task, is_silent) in [
-        (Task::Receive, false),
-        (Task::Transmit, false),
-        (Task::Supervision, false),
-        (Task::Bus, true),
-    ] {
+    for (task, is_silent) in [(Task::Receive, false), (Task::Transmit, false), (Task::Bus, true)] {
         let mut bench = joint_and_wheel(0);
         bench.board.watchdog.hung.set(Some(task));
         bench.run_ms(10);
@@ -91,7 +89,7 @@ fn a_loop_that_is_late_is_no_hang() {
     for task in ALL {
         for _ in 0..5 {
             bench.board.watchdog.hung.set(Some(task));
-            bench.run_ms(250);
+            bench.run_ms(145); // and a check-in period that it has waited already
             bench.board.watchdog.hung.set(None);
             // Whatever wakes a loop.
             bench.run_alive_ms(500, goal(600));

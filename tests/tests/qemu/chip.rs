@@ -8,7 +8,7 @@ use std::ops::Range;
 
 /// Polled registers: address, value after reset, and what a load answers after a store.
 type Ready = (u32, u32, fn(u32) -> u32);
-const READY: [Ready; 6] = [
+const READY: [Ready; 7] = [
     // RCC_CR: HSIRDY, HSERDY, PLLRDY and PLLI2SRDY follow their ON bits at once.
     (0x4002_3800, 0x83, |w| {
         w & !0x0A02_0002
@@ -22,6 +22,7 @@ const READY: [Ready; 6] = [
     (0x4000_7000, 0, |w| w),                       // PWR_CR: DBP reads back
     (ACR, 0, |w| w),                               // FLASH_ACR reads back
     (IDCODE, REVISION_Y, |w| w),                   // DBGMCU_IDCODE
+    (APB1_FZ, 0, |w| w),                           // DBGMCU_APB1_FZ reads back
 ];
 
 /// How the flash is read: wait states, prefetch, caches.
@@ -71,6 +72,9 @@ pub const LOADER: u32 = 0x1FFF_0000;
 pub const LOADER_STACK: u32 = 0x2000_2D40;
 pub const LOADER_ENTRY: u32 = 0x1FFF_3DA9;
 
+/// What stops with a core that a debugger halts; the watchdog is bit 12.
+const APB1_FZ: u32 = 0xE004_2008;
+
 /// What a store does beyond being remembered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effect {
@@ -117,6 +121,11 @@ impl Chip {
     /// What the image has written to FLASH_ACR.
     pub fn flash_access(&self) -> u32 {
         self.load(ACR)
+    }
+
+    /// Whether the image lets the watchdog stand still while a debugger halts the core.
+    pub fn watchdog_stops_with_the_core(&self) -> bool {
+        self.load(APB1_FZ) & 1 << 12 != 0
     }
 
     /// What must be served: whether only stores, the first byte, the length.

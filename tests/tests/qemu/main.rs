@@ -37,10 +37,15 @@ const SLOWLY: [&str; 2] = ["-icount", "shift=3"];
 /// Bytes of the log that may wait for a probe (.cargo/config.toml).
 const LOG_BUFFER: u32 = 256;
 
-/// Register offsets: GPIO's BSRR, a timer's CCR1, the watchdog's KR.
+/// Register offsets: GPIO's BSRR, a timer's CCR1, the watchdog's KR, PR and RLR.
 const BSRR: u32 = 0x18;
 const CCR1: u32 = 0x34;
 const KR: u32 = 0x00;
+const PR: u32 = 0x04;
+const RLR: u32 = 0x08;
+
+/// The watchdog's reload while control runs: 205 counts of the LSI divided by 8.
+const USUAL: u32 = 204;
 
 /// QEMU's name for what is at the watchdog's address.
 const IWDG: &str = "I2S2ext";
@@ -159,6 +164,17 @@ fn the_flash_is_read_with_caches_and_where_it_works_with_prefetch() {
     let (chip, flash) = (Chip::of_revision_a(), Flash::empty());
     let machine = Machine::boot_with("revision-a", IMAGE, &[], chip, &flash);
     assert_eq!(machine.chip.flash_access(), 0x605);
+}
+
+#[test]
+#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
+fn a_debugger_that_halts_the_core_stops_the_watchdog_only_while_nothing_is_driven() {
+    let mut machine = Machine::boot("halted", IMAGE, &[]);
+    assert!(machine.chip.watchdog_stops_with_the_core());
+    machine.serve(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
+    assert!(!machine.chip.watchdog_stops_with_the_core());
+    machine.serve(Command::Run { scope: Scope::All, run: false });
+    assert!(machine.chip.watchdog_stops_with_the_core());
 }
 
 #[test]

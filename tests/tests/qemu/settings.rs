@@ -16,16 +16,14 @@ use protocol::pms5005::{Command, Data, Quantity, Repeat, Scope, did};
 use crate::chip::{Chip, Effect, LOADER_STACK, Reset, SECTOR, SETTINGS};
 use crate::machine::Machine;
 use crate::process::image;
-use crate::{CCR1, IMAGE, IWDG, KR, NEUTRAL, first_and_fifth, gdb, go};
+use crate::{CCR1, IMAGE, IWDG, KR, NEUTRAL, RLR, USUAL, first_and_fifth, gdb, go};
 
 /// The controller of the flash and its control register; a port's mode register; the watchdog's
-/// reload register, and what it is for 400 ms and for 1 s at 4 kHz.
+/// reload register for an erase.
 const FLASH: &str = "Flash Int";
 const CR: u32 = 0x10;
-const RLR: u32 = 0x08;
 const MODER: u32 = 0x00;
-const USUAL: u32 = 1599;
-const ERASING: u32 = 3999;
+const ERASING: u32 = 4095;
 
 /// The stack, and what is in it where nobody has been.
 const STACK: std::ops::Range<u32> = 0x2000_0000..0x2000_4000;

@@ -3,11 +3,10 @@
 //! fast its host talks, `HOST_BAUD`.
 //!
 //! Three executors: control on an interrupt above sensing on another, so that a control period
-//! never waits; link, display and supervision in the thread.
+//! never waits; link, display and upkeep in the thread.
 
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
-use embassy_futures::join::join;
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -49,8 +48,13 @@ unsafe fn UART5() {
 }
 
 #[embassy_executor::task]
-async fn control(port: &'static mut Motion, core: &'static mut Controller, all: &'static Channels) {
-    app::control(port, core, all).await;
+async fn control(
+    port: &'static mut Motion,
+    core: &'static mut Controller,
+    all: &'static Channels,
+    watchdog: &'static mut Watchdog,
+) {
+    app::control(port, core, all, |is_driven| watchdog.feed(is_driven)).await;
 }
 
 #[embassy_executor::task]
@@ -74,17 +78,9 @@ async fn link(
     app::link(rx, tx, session, all).await;
 }
 
-/// What is left for `main` to do.
-struct Rest {
-    watchdog: Watchdog,
-    store: &'static mut Store<Flash>,
-    system: &'static mut System,
-    all: &'static Channels,
-}
-
-/// Starts the board and its tasks. Apart from `main`, whose future would keep what is needed here
-/// only.
-fn start(spawner: Spawner) -> Rest {
+/// Starts the board and its tasks, and yields what is left for `main` to do. Apart from `main`, whose
+/// future would keep what is needed here only.
+fn start(spawner: Spawner) -> (&'static mut Store<Flash>, &'static mut System, &'static Channels) {
     let Board { motion, sensing: sensors, display: lcd, rx, tx, watchdog, system, store, reset } =
         BOARD.init_with(|| board::start(HOST_BAUD));
     let all = &*CHANNELS.init_with(Channels::new);
@@ -95,16 +91,15 @@ fn start(spawner: Spawner) -> Rest {
     let session = SESSION.init_with(|| host(settings, boot, Instant::now()));
     interrupt::UART4.set_priority(Priority::P6);
     interrupt::UART5.set_priority(Priority::P7);
-    CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all)));
+    CONTROL.start(interrupt::UART4).spawn(defmt::unwrap!(control(motion, core, all, watchdog)));
     SENSING.start(interrupt::UART5).spawn(defmt::unwrap!(sensing(sensors, all)));
     spawner.spawn(defmt::unwrap!(display(lcd, all)));
     spawner.spawn(defmt::unwrap!(link(rx, tx, session, all)));
-    Rest { watchdog: *watchdog, store, system, all }
+    (store, system, all)
 }
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let Rest { watchdog, store, system, all } = start(spawner);
-    let supervision = app::supervise(|| watchdog.feed(), board::safe_state, all);
-    join(supervision, app::upkeep(store, system, all)).await;
+    let (store, system, all) = start(spawner);
+    app::upkeep(store, system, all).await;
 }

@@ -141,9 +141,6 @@ impl Session for PioneerArm {
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         // What the arm asks of the board is `advance`'s to tell.
         loop {
-            if let Some(command) = self.answers.extension.left_over() {
-                return Some(Request::Control(command));
-            }
             let packet = self.receiver.receive(bytes, now)?;
             if let Some(packet) = Packet::parse(packet)
                 && let Some(request) = self.answers.respond(&packet, now)
@@ -201,9 +198,10 @@ impl Session for PioneerArm {
         self.answers.due_at()
     }
 
-    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) {
-        let answer = self.answers.extension.done(result);
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Request> {
+        let (answer, request) = self.answers.extension.done(result);
         self.answers.settle(answer);
+        request
     }
 
     fn line_failed(&mut self) {

@@ -100,8 +100,6 @@ struct Answers {
     streams: [Stream; TOPICS.len()],
     /// The stream whose turn it is.
     turn: usize,
-    /// What the controller is still to be told of the last parameters.
-    configuration: Configuration,
     acks_waiting: u16,
     ping_answered: Option<Instant>,
     /// When the host last heard telemetry or a ping.
@@ -141,7 +139,6 @@ impl Pms5005 {
                 extension,
                 streams,
                 turn: 0,
-                configuration: Configuration::default(),
                 acks_waiting: 0,
                 ping_answered: None,
                 spoke: now,
@@ -156,9 +153,6 @@ impl Session for Pms5005 {
 
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
         loop {
-            if let Some(command) = self.answers.left_over() {
-                return Some(Request::Control(command));
-            }
             let frame = self.receiver.receive(bytes, now)?;
             if let Some(request) = self.answers.respond(frame, now) {
                 return Some(request);
@@ -199,9 +193,10 @@ impl Session for Pms5005 {
         frame.ok().map(|frame| &*frame)
     }
 
-    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) {
-        let answer = self.answers.extension.done(result);
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Request> {
+        let (answer, request) = self.answers.extension.done(result);
         self.answers.settle(answer);
+        request
     }
 
     fn sends_at(&self) -> Instant {
@@ -240,11 +235,6 @@ enum Due {
 }
 
 impl Answers {
-    /// A command that is left over from what the host has asked for, or from upkeep that is done.
-    fn left_over(&mut self) -> Option<Command> {
-        self.configuration.take().or_else(|| self.extension.left_over())
-    }
-
     fn due_at(&self) -> Instant {
         if self.acks_waiting > 0 || self.extension.owes() {
             return Instant::MIN;
@@ -359,10 +349,7 @@ impl Answers {
             wire::Command::Parameters(parameters) => {
                 let mut configuration = Configuration::default();
                 match parameters.iter().try_for_each(|parameter| configuration.add(parameter)) {
-                    Ok(()) => {
-                        self.configuration = configuration;
-                        None
-                    }
+                    Ok(()) => control(Command::Configure(configuration)),
                     Err(refused) => {
                         count(&mut self.counters.refused, 1);
                         warning!("frame not carried out: {}", refused);

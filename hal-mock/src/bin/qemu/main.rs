@@ -69,7 +69,7 @@ fn main() -> ! {
 
     let line = Line::default();
     let (mut rx, mut tx) = line.board_end();
-    let watchdog = Watchdog::new(); // which nobody waits for to bite
+    let watchdog = Watchdog::new(app::WATCHDOG_PERIOD); // which nobody waits for to bite
     let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels, &watchdog);
     let mut board = pin!(async {
         join(all, app::no_upkeep(channels)).await;

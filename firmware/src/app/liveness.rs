@@ -1,0 +1,123 @@
+//! One rule of liveness: one loop feeds the watchdog, and only while every other task answers.
+//!
+//! A task *answers* when it comes round; one that waits comes round every [`CHECK_IN_PERIOD`]. The
+//! *feeder* checks, drives and feeds. A task that has been silent for too long has *hung*: the feeder
+//! switches the outputs off, feeds no more, and never trusts it again.
+//!
+//! | | controller | CM-5 |
+//! |---|---|---|
+//! | feeder, and how often it feeds | `control`, 1 ms | `bridge_bus`, 50 ms at the most |
+//! | a task hangs after a silence of | [`LONGEST_SILENCE`] | [`BRIDGE_SILENCE`] |
+//! | the watchdog bites after | [`WATCHDOG_PERIOD`], 35 to 96.5 ms | [`BRIDGE_WATCHDOG_PERIOD`], 170 to 471 ms |
+//!
+//! The spread is that of the STM32F4's LSI, 17 to 47 kHz (data sheet). So a controller's outputs are
+//! off within 91 ms if a task hangs, and within 100 ms if control does, wherever it hangs: in a
+//! critical section, an interrupt handler, a log. And control may be late by 35 ms without a bite.
+//!
+//! Before every task has answered once nothing may be driven. Then, and while commands are held back
+//! for upkeep, silence is excused, for [`LONGEST_EXCUSE`].
+
+use core::cell::Cell;
+
+use embassy_sync::blocking_mutex::Mutex;
+use embassy_sync::blocking_mutex::raw::RawMutex;
+use embassy_time::{Duration, Instant};
+
+/// A task that waits for something answers at least this often while it waits. Work between two
+/// waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
+pub(super) const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
+/// A check-in period and the longest turn of work, a ranger's; the longest frame at 9600 baud takes
+/// 87.5 ms.
+pub(super) const LONGEST_SILENCE: Duration = Duration::from_millis(90);
+/// The longest report, of 100 servos at 57,600 baud, takes 140 ms, and then a check-in period.
+pub(super) const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
+/// Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash), the
+/// farewell before a restart 100 ms. embassy's clock stands still while a sector is erased.
+const LONGEST_EXCUSE: Duration = Duration::from_secs(1);
+
+/// What the controller's watchdog bears without food, by the nominal LSI of 32 kHz: 205 counts of 8
+/// cycles.
+pub const WATCHDOG_PERIOD: Duration = Duration::from_micros(51_250);
+/// What the CM-5's bears: 1000 counts.
+pub const BRIDGE_WATCHDOG_PERIOD: Duration = Duration::from_millis(250);
+/// What either bears from the start until it is fed first, and after
+/// [`before_erase`](crate::ports::SystemPort::before_erase), with nothing driven: 4096 counts, the
+/// most there are, 697 ms at 47 kHz. Erasing a sector of 16 KiB stalls the core of an STM32F4 for 500
+/// ms at the most.
+pub const ERASE_PERIOD: Duration = Duration::from_millis(1024);
+
+/// What the feeder may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Liveness {
+    /// Feed, but drive nothing: a task has still to begin.
+    Starting,
+    /// Drive and feed.
+    Alive,
+    /// Neither.
+    Hung,
+}
+
+/// When each of `TASKS` tasks has last answered.
+pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
+    longest_silence: Duration,
+    state: Mutex<M, Cell<State<TASKS>>>,
+}
+
+#[derive(Clone, Copy)]
+struct State<const TASKS: usize> {
+    answered: [Option<Instant>; TASKS],
+    /// Since when silence is excused.
+    excused: Option<Instant>,
+    has_hung: bool,
+}
+
+impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
+    /// Nobody has answered yet.
+    pub(super) const fn new(longest_silence: Duration) -> Self {
+        let state = State { answered: [None; TASKS], excused: None, has_hung: false };
+        Self { longest_silence, state: Mutex::new(Cell::new(state)) }
+    }
+
+    /// The task of this number, from 0, answers.
+    pub(super) fn answer(&self, task: usize) {
+        self.change(|state| {
+            if let Some(answered) = state.answered.get_mut(task) {
+                *answered = Some(Instant::now());
+            }
+        });
+    }
+
+    /// The feeder checks. With `held` commands are held back, and who waits for one to be carried
+    /// out has not hung.
+    pub(super) fn check(&self, held: bool) -> Liveness {
+        let now = Instant::now();
+        self.change(|state| {
+            let has_begun = !state.answered.contains(&None);
+            if has_begun && !held {
+                state.excused = None;
+                let is_silent = |at: Instant| now - at > self.longest_silence;
+                state.has_hung |= state.answered.into_iter().flatten().any(is_silent);
+            } else {
+                let since = *state.excused.get_or_insert(now);
+                state.has_hung |= now - since > LONGEST_EXCUSE;
+                if has_begun {
+                    state.answered = [Some(now); TASKS]; // their silence begins anew
+                }
+            }
+            match (state.has_hung, has_begun) {
+                (true, _) => Liveness::Hung,
+                (false, true) => Liveness::Alive,
+                (false, false) => Liveness::Starting,
+            }
+        })
+    }
+
+    fn change<T>(&self, change: impl FnOnce(&mut State<TASKS>) -> T) -> T {
+        self.state.lock(|cell| {
+            let mut state = cell.get();
+            let result = change(&mut state);
+            cell.set(state);
+            result
+        })
+    }
+}
