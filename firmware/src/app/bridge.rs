@@ -152,10 +152,13 @@ pub async fn bridge_bus<M: RawMutex>(
 ) -> ! {
     let mut request = [0; MAX_REQUEST];
     let mut buffer = [0; CHUNK];
+    let mut checked = Instant::now();
     loop {
-        if channels.roll_call.check(false) != Liveness::Hung {
+        let now = Instant::now();
+        if channels.roll_call.check(now - checked, false) != Liveness::Hung {
             feed();
         }
+        checked = now;
         let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
         channels.notify(bridge);
         if let Some(packet) = packet {

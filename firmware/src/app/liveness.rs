@@ -21,7 +21,7 @@ use core::cell::Cell;
 
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
-use embassy_time::{Duration, Instant};
+use embassy_time::Duration;
 
 /// A task that waits for something answers at least this often while it waits. Work between two
 /// waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
@@ -57,7 +57,8 @@ pub(super) enum Liveness {
     Hung,
 }
 
-/// When each of `TASKS` tasks has last answered.
+/// How long each of `TASKS` tasks has been silent, by the feeder's time: while the feeder itself is
+/// held up, nobody's silence grows.
 pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
     longest_silence: Duration,
     state: Mutex<M, Cell<State<TASKS>>>,
@@ -65,44 +66,44 @@ pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
 
 #[derive(Clone, Copy)]
 struct State<const TASKS: usize> {
-    answered: [Option<Instant>; TASKS],
-    /// Since when silence is excused.
-    excused: Option<Instant>,
+    /// `None` before a task has answered for the first time.
+    silence: [Option<Duration>; TASKS],
+    /// For how long silence has been excused.
+    excused: Duration,
     has_hung: bool,
 }
 
 impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
     /// Nobody has answered yet.
     pub(super) const fn new(longest_silence: Duration) -> Self {
-        let state = State { answered: [None; TASKS], excused: None, has_hung: false };
+        let state =
+            State { silence: [None; TASKS], excused: Duration::from_ticks(0), has_hung: false };
         Self { longest_silence, state: Mutex::new(Cell::new(state)) }
     }
 
     /// The task of this number, from 0, answers.
     pub(super) fn answer(&self, task: usize) {
         self.change(|state| {
-            if let Some(answered) = state.answered.get_mut(task) {
-                *answered = Some(Instant::now());
+            if let Some(silence) = state.silence.get_mut(task) {
+                *silence = Some(Duration::from_ticks(0));
             }
         });
     }
 
-    /// The feeder checks. With `held` commands are held back, and who waits for one to be carried
-    /// out has not hung.
-    pub(super) fn check(&self, held: bool) -> Liveness {
-        let now = Instant::now();
+    /// The feeder checks, so much time after its last check. With `held` commands are held back, and
+    /// who waits for one to be carried out has not hung.
+    pub(super) fn check(&self, passed: Duration, held: bool) -> Liveness {
         self.change(|state| {
-            let has_begun = !state.answered.contains(&None);
+            let has_begun = !state.silence.contains(&None);
             if has_begun && !held {
-                state.excused = None;
-                let is_silent = |at: Instant| now - at > self.longest_silence;
-                state.has_hung |= state.answered.into_iter().flatten().any(is_silent);
-            } else {
-                let since = *state.excused.get_or_insert(now);
-                state.has_hung |= now - since > LONGEST_EXCUSE;
-                if has_begun {
-                    state.answered = [Some(now); TASKS]; // their silence begins anew
+                state.excused = Duration::from_ticks(0);
+                for silence in state.silence.iter_mut().flatten() {
+                    *silence += passed;
+                    state.has_hung |= *silence > self.longest_silence;
                 }
+            } else {
+                state.excused += passed;
+                state.has_hung |= state.excused > LONGEST_EXCUSE;
             }
             match (state.has_hung, has_begun) {
                 (true, _) => Liveness::Hung,

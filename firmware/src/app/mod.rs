@@ -154,7 +154,7 @@ pub async fn control<M: RawMutex, C: Copy>(
             &channels.sensors.get(),
             channels.signs_of_life.get(),
         );
-        let liveness = channels.roll_call.check(is_held);
+        let liveness = channels.roll_call.check(CONTROL_PERIOD, is_held);
         if liveness != Liveness::Alive {
             snapshot.outputs = Outputs::default();
         }

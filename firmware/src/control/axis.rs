@@ -6,13 +6,15 @@
 //! polarity turns it into the bridge's. Direct PWM is the bridge's own, whatever the polarity.
 //!
 //! Promises:
-//! - Disabled means neutral. A channel is enabled by a motion command or by a resume, by nothing
-//!   else.
+//! - Disabled means neutral. A channel is enabled by a motion command, or by the resume of one that
+//!   was only paused; by nothing else.
 //! - When method, sensor or polarity change under way, the new loop starts where the shaft is,
 //!   and the drive crosses over from the old one to the new one in [`HANDOVER`] periods.
 //! - A suspended move goes on where it was suspended: from where the shaft is then, to its goal,
 //!   in the periods that were left (at once, if it had no time or its time was over).
-//! - After a stop by link loss nothing moves before the next motion command; a resume holds.
+//! - A *stop* is a neutral PWM, a velocity of 0, a silent host, or a fault; and a suspension of a
+//!   channel that one of these has stopped or is stopping. After it only a motion command moves the
+//!   channel: another method, sensor or polarity switches it off, and a resume leaves it off.
 
 use fixed::{FixedI32, types::extra::U24};
 use protocol::pms5005::{Loop, Method, Polarity, Sensor};
@@ -58,14 +60,13 @@ pub enum AxisRefusal {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Disabled since boot.
-    Idle,
+    /// Disabled, by a stop or since boot.
+    Off,
     Running,
-    Suspended,
+    /// Disabled by a suspension, of which a resume is the end.
+    Paused,
     /// Coming to rest because the host is silent; so many periods until the bridge is off.
     Stopping(u16),
-    /// Disabled because the host fell silent.
-    Stopped,
 }
 
 /// Where a channel is going: a value, and what it means.
@@ -93,6 +94,10 @@ impl Tuning {
 #[derive(Clone, Debug)]
 pub struct Axis {
     state: State,
+    /// The last that was asked of it is a stop.
+    is_stop: bool,
+    /// Off, or coming to rest, because the host fell silent.
+    link_lost: bool,
     method: Method,
     /// What sub-command 0E chose; until then every motion command chooses for itself.
     chosen_method: Option<Method>,
@@ -123,7 +128,9 @@ impl Axis {
     /// A channel at boot: disabled, one potentiometer, the original's gains.
     pub fn new() -> Self {
         Self {
-            state: State::Idle,
+            state: State::Off,
+            is_stop: true,
+            link_lost: false,
             method: Method::Pwm,
             chosen_method: None,
             sensor: Sensor::SinglePotentiometer,
@@ -170,7 +177,7 @@ impl Axis {
 
     /// Whether the channel was stopped, or is being stopped, because the host fell silent.
     pub fn is_stopped_by_link_loss(&self) -> bool {
-        matches!(self.state, State::Stopping(_) | State::Stopped)
+        self.link_lost
     }
 
     /// Whether a motion command would be taken. `target` is as on the wire, a duty for PWM.
@@ -194,6 +201,8 @@ impl Axis {
     /// A motion command that [`check`](Self::check) has passed: enables the channel and goes to
     /// the target, in the method's unit, in so many periods.
     pub fn go(&mut self, method: Method, target: i16, periods: u16, now: Reading) {
+        self.is_stop = method != Method::Position && target == 0;
+        self.link_lost = false;
         if self.state != State::Running || self.method != method {
             self.engage(method, now);
         }
@@ -213,43 +222,41 @@ impl Axis {
         }
     }
 
-    /// Suspends the channel: neutral and disabled, the rest of its move kept.
+    /// Suspends the channel: neutral and disabled. One that runs is paused, and the rest of its move
+    /// kept.
     pub fn suspend(&mut self) {
         match self.state {
-            State::Idle | State::Running => self.state = State::Suspended,
-            State::Stopping(_) => self.stopped(),
-            State::Suspended | State::Stopped => {}
+            State::Running if !self.is_stop => self.switch_off(State::Paused),
+            State::Running | State::Stopping(_) => self.stopped(),
+            State::Off | State::Paused => {}
         }
     }
 
-    /// A fault: off as if suspended, with nowhere to go.
+    /// A fault: off, with nowhere to go.
     pub fn trip(&mut self) {
         self.stopped();
-        self.state = State::Suspended;
     }
 
-    /// Resumes the channel: it goes on with its move, or holds where it is if it has none.
+    /// Resumes a channel that is paused: it goes on with its move, or holds where it is if it has
+    /// none.
     pub fn resume(&mut self, now: Reading) {
-        match self.state {
-            State::Running | State::Stopping(_) => {}
-            State::Idle | State::Suspended | State::Stopped => {
-                let (goal, left) = (self.goal, self.ramp.left());
-                self.engage(self.chosen_method.unwrap_or(self.method), now);
-                if let Some(goal) = goal {
-                    self.head_for(goal, left, now);
-                }
+        if self.state == State::Paused {
+            let (goal, left) = (self.goal, self.ramp.left());
+            self.engage(self.chosen_method.unwrap_or(self.method), now);
+            if let Some(goal) = goal {
+                self.head_for(goal, left, now);
             }
         }
     }
 
     /// The host has fallen silent: PWM and velocity come to rest within 100 ms and switch off; a
-    /// position loop breaks off its move and holds where the shaft is. Nothing is left that a
-    /// resume could set in motion again.
+    /// position loop breaks off its move and holds where the shaft is.
     pub fn link_lost(&mut self, now: Reading) {
         match (self.state, self.method) {
             (State::Running, Method::Pwm | Method::Velocity) => {
                 self.ramp = Ramp::new(self.set_point.saturating_neg(), STOP_RAMP);
                 self.state = State::Stopping(STOP_OFF);
+                self.link_lost = true;
             }
             (State::Running, Method::Position) => {
                 let scale = scale(self.sensor);
@@ -258,9 +265,10 @@ impl Axis {
                 self.set_point = scale.advance(now.position, held).to_bits();
                 self.ramp = Ramp::NONE;
             }
-            (State::Suspended, _) => self.ramp = Ramp::NONE,
-            (State::Idle | State::Stopping(_) | State::Stopped, _) => {}
+            (State::Paused, _) => self.stopped(),
+            (State::Off | State::Stopping(_), _) => {}
         }
+        self.is_stop = true;
         self.goal = None;
     }
 
@@ -338,7 +346,7 @@ impl Axis {
         match self.state {
             State::Stopping(0) => self.stopped(),
             State::Stopping(left) => self.state = State::Stopping(left.saturating_sub(1)),
-            State::Idle | State::Running | State::Suspended | State::Stopped => {}
+            State::Off | State::Running | State::Paused => {}
         }
         let rate = now.velocity.saturating_sub(self.last_velocity);
         self.last_velocity = now.velocity;
@@ -406,13 +414,13 @@ impl Axis {
         };
     }
 
-    /// What the loop rests on has changed: a running channel engages anew, one that is being
-    /// stopped is off at once, and no goal of before counts any more.
+    /// What the loop rests on has changed: a running channel engages anew, one that was stopped or is
+    /// being stopped is off at once, and no goal of before counts any more.
     fn start_over(&mut self, method: Method, now: Reading) {
         match self.state {
-            State::Running => self.engage(method, now),
-            State::Stopping(_) => self.stopped(),
-            State::Idle | State::Suspended | State::Stopped => self.forget(),
+            State::Running if !self.is_stop => self.engage(method, now),
+            State::Running | State::Stopping(_) => self.stopped(),
+            State::Off | State::Paused => self.forget(),
         }
         self.method = method;
     }
@@ -445,11 +453,19 @@ impl Axis {
         };
     }
 
+    /// Off, with nowhere to go.
     fn stopped(&mut self) {
-        self.state = State::Stopped;
+        self.switch_off(State::Off);
+        self.is_stop = true;
         self.set_point = 0;
-        self.handover = 0;
         self.forget();
+    }
+
+    /// Disabled from this period on: no drive is left that could be taken up again in it.
+    fn switch_off(&mut self, state: State) {
+        self.state = state;
+        self.drive = Drive::ZERO;
+        self.handover = 0;
     }
 
     fn forget(&mut self) {

@@ -1,10 +1,10 @@
 //! From boot to run to fault to recovery: the latch.
 //!
 //! ```text
-//!   boot ───────> off ──motion command, resume──> run
-//!                  ^                               │ fault: off in the same period
-//!                  │ clear                         v
-//!                  └──────────────────────────── latched: no command moves it
+//!   boot ───────> off ──motion command──> run
+//!                  ^                       │ fault: off in the same period
+//!                  │ clear                 v
+//!                  └──────────────────── latched: no command moves it
 //! ```
 //!
 //! Every DC channel stands in one of these, and so do the servos, all six together. A fault *trips*
@@ -14,11 +14,11 @@
 //! | arrow | where it is in [`controller`](crate::controller) |
 //! |---|---|
 //! | boot | `new`: nothing is enabled, nothing is latched |
-//! | motion command, resume | `go`, `apply`: channels that are latched take no part |
+//! | motion command | `go`: channels that are latched take no part |
 //! | fault | `trip`: what it stops forgets where it was going. And `drive`: whatever a channel is about, what is latched has no output |
 //! | clear | `apply`: [`ClearFaults`](crate::command::Command::ClearFaults) clears all. A resume (DID 30), which hosts of old know, clears before it resumes, and only what stops: of one channel that channel's, of all also the board's |
 //!
-//! Clearing moves nothing: a channel is then as a suspended one that has nowhere to go. What the
+//! Clearing moves nothing: a channel is then off, and only a motion command moves it. What the
 //! board suffers from still stays latched; the cause of a channel's fault trips again after its time,
 //! with a new record.
 //! Whether the host is there is [`link`](super::link)'s: its silence stops without a latch, and the

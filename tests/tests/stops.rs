@@ -1,0 +1,216 @@
+//! Nothing moves after a stop before a motion command does, whatever else comes, in any order and
+//! any period.
+//!
+//! A stop is a silent host, a fault, a neutral PWM, a velocity of 0, or a suspension of a channel that
+//! one of these is stopping. A suspension of a running channel only pauses it.
+
+use hal_mock::board::Make;
+use proptest::prelude::*;
+use protocol::pms5005::extension::{Action, Assignments, Request};
+use protocol::pms5005::{
+    Channel, Command, Data, Gain, Loop, Method, Parameter, Polarity, Quantity, Repeat, Reports, Scope,
+    Sensor,
+};
+use tests::Bench;
+
+const WHEEL: usize = 0;
+/// After a stop a wheel at full speed coasts for a while.
+const COASTS_MS: u64 = 1500;
+
+/// A line without a speed limit: all that is sent at once comes in one period.
+fn bench() -> Bench {
+    Bench::with(Make { line_rate: 0, ..Make::default() })
+}
+
+fn run(scope: Scope, run: bool) -> Command<'static> {
+    Command::Run { scope, run }
+}
+
+/// How the wheel is set going.
+#[derive(Clone, Copy, Debug)]
+enum Motion {
+    Pwm,
+    Velocity,
+    Position,
+}
+
+fn set_going(bench: &mut Bench, motion: Motion) {
+    let wheel = Channel::ALL[WHEEL];
+    match motion {
+        Motion::Pwm => bench.drive(Quantity::Pwm, WHEEL, 32_767, 0),
+        Motion::Velocity => bench.drive(Quantity::Velocity, WHEEL, 5000, 0),
+        Motion::Position => {
+            bench.configure(&[Parameter::Sensor(wheel, Sensor::Encoder)]);
+            bench.drive(Quantity::Position, WHEEL, 12_000, 20_000);
+        }
+    }
+    bench.run_alive_ms(600);
+    assert!(bench.velocity(WHEEL) > 300.0, "{motion:?}: {}", bench.velocity(WHEEL));
+}
+
+/// What stops it.
+#[derive(Clone, Copy, Debug)]
+enum Stop {
+    Silence,
+    Fault,
+    NeutralPwm,
+    VelocityZero,
+    SuspendWhileStopping,
+}
+
+fn stop(bench: &mut Bench, stop: Stop) {
+    match stop {
+        Stop::Silence | Stop::SuspendWhileStopping => {
+            let lost = bench.board.snapshot().counters.links_lost;
+            while bench.board.snapshot().counters.links_lost == lost {
+                bench.run_ms(1);
+            }
+            if matches!(stop, Stop::SuspendWhileStopping) {
+                bench.run_ms(20);
+                bench.send(run(Scope::All, false));
+                bench.run_ms(1);
+            }
+        }
+        Stop::Fault => {
+            // A driver that is too hot for a second.
+            bench.board.plant.borrow_mut().overrides.overheat[0] = Some(1000);
+            while !bench.board.snapshot().faults.stops_motor(Channel::ALL[WHEEL]) {
+                bench.run_alive_ms(1);
+            }
+            bench.board.plant.borrow_mut().overrides.overheat[0] = None;
+        }
+        Stop::NeutralPwm => bench.drive(Quantity::Pwm, WHEEL, 16_384, 0),
+        Stop::VelocityZero => bench.drive(Quantity::Velocity, WHEEL, 0, 0),
+    }
+    bench.run_ms(1);
+}
+
+fn settings(number: u16, value: i32) -> Data {
+    let mut data = Data::new();
+    Assignments::emit(number, value, &mut data).unwrap();
+    data
+}
+
+/// Everything that is no motion command, from a host that is there.
+fn no_motion() -> impl Strategy<Value = fn(&mut Bench)> {
+    fn configure(bench: &mut Bench, parameter: Parameter) {
+        bench.configure(&[parameter]);
+    }
+    prop::sample::select(vec![
+        (|b| b.send(run(Scope::All, true))) as fn(&mut Bench),
+        |b| b.send(run(Scope::All, true)),
+        |b| b.send(run(Scope::Motor(Channel::ALL[WHEEL]), true)),
+        |b| b.send(run(Scope::All, false)),
+        |b| b.send(run(Scope::Motor(Channel::ALL[WHEEL]), false)),
+        |b| configure(b, Parameter::Method(Channel::ALL[WHEEL], Method::Pwm)),
+        |b| configure(b, Parameter::Method(Channel::ALL[WHEEL], Method::Velocity)),
+        |b| configure(b, Parameter::Method(Channel::ALL[WHEEL], Method::Position)),
+        |b| configure(b, Parameter::Sensor(Channel::ALL[WHEEL], Sensor::Encoder)),
+        |b| configure(b, Parameter::Sensor(Channel::ALL[WHEEL], Sensor::SinglePotentiometer)),
+        |b| configure(b, Parameter::Polarity(Channel::ALL[WHEEL], Polarity::Negative)),
+        |b| configure(b, Parameter::Polarity(Channel::ALL[WHEEL], Polarity::Positive)),
+        |b| {
+            let gain = Gain::Proportional(500);
+            configure(b, Parameter::Gain(Channel::ALL[WHEEL], Loop::Velocity, gain));
+        },
+        |b| {
+            let gain = Gain::Integral { integer: 5, fraction: 0 };
+            configure(b, Parameter::Gain(Channel::ALL[WHEEL], Loop::Position, gain));
+        },
+        |b| configure(b, Parameter::CollisionProtection(true)),
+        |b| b.send(Command::Ping),
+        |b| b.send(Command::GpioOutputs(0x55)),
+        |b| b.drive(Quantity::Servo, 2, 3000, 0), // a servo's motion is none of a motor's
+        |b| b.send(Command::Telemetry { reports: Reports::All, repeat: Repeat::Stop }),
+        |b| b.send(Command::Extension(Request::Do(Action::ClearFaults))),
+        |b| b.send(Command::Extension(Request::Do(Action::Save))),
+        |b| b.send_raw(7, &settings(3, 8000)),
+        |b| b.send_raw(7, &settings(1, 300)),
+        |b| b.run_ms(1),
+        |b| b.run_ms(40),
+        |b| b.run_alive_ms(300),
+        |b| b.run_ms(2100),
+    ])
+}
+
+/// Whether the wheel is still driven, or still turns: from then on nothing may change that.
+fn assert_at_rest(bench: &mut Bench, what: &str) {
+    let at = bench.position(WHEEL);
+    bench.run_alive_ms(1000);
+    let moved = bench.position(WHEEL) - at;
+    assert!(moved.abs() <= 20, "{what}: moved {moved} counts, {:?}", bench.bridge(WHEEL));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+    #[test]
+    fn nothing_but_a_motion_command_moves_what_was_stopped(
+        motion in prop::sample::select(vec![Motion::Pwm, Motion::Velocity, Motion::Position]),
+        by in prop::sample::select(vec![
+            Stop::Silence, Stop::Fault, Stop::NeutralPwm, Stop::VelocityZero,
+            Stop::SuspendWhileStopping,
+        ]),
+        late in 0..120_u64,
+        events in prop::collection::vec(no_motion(), 0..12),
+    ) {
+        let mut bench = bench();
+        set_going(&mut bench, motion);
+        stop(&mut bench, by);
+        bench.run_ms(late);
+        for event in events {
+            event(&mut bench);
+        }
+        bench.run_alive_ms(COASTS_MS);
+        assert_at_rest(&mut bench, &format!("{motion:?} stopped by {by:?}"));
+
+        // And a motion command moves it, of whatever method and by whatever sensor it is now.
+        bench.send(Command::Extension(Request::Do(Action::ClearFaults)));
+        let wheel = Channel::ALL[WHEEL];
+        bench.configure(&[Parameter::Method(wheel, Method::Pwm)]);
+        bench.drive(Quantity::Pwm, WHEEL, 16_384 + 8000, 0);
+        bench.run_alive_ms(200);
+        prop_assert!(bench.velocity(WHEEL) > 1000.0, "{}", bench.velocity(WHEEL));
+    }
+}
+
+#[test]
+fn a_suspension_and_a_resume_in_one_write_do_not_undo_a_stop_by_silence() {
+    for late in 0..60 {
+        let mut bench = bench();
+        set_going(&mut bench, Motion::Pwm);
+        stop(&mut bench, Stop::Silence);
+        bench.run_ms(late);
+        bench.board.line.host_sends(&[0x5E, 2, 1, 0, 0x1E, 1, 0, 0xB7, 0x5E, 0x0D]);
+        bench.board.line.host_sends(&[0x5E, 2, 1, 0, 0x1E, 1, 1, 0xE9, 0x5E, 0x0D]);
+        bench.run_alive_ms(200);
+        assert_eq!(bench.bridge(WHEEL), (0, false), "{late} ms after the stop began");
+    }
+}
+
+#[test]
+fn a_method_and_a_resume_in_one_period_do_not_undo_a_stop_by_silence() {
+    for late in 0..60 {
+        let mut bench = bench();
+        set_going(&mut bench, Motion::Velocity);
+        stop(&mut bench, Stop::Silence);
+        bench.run_ms(late);
+        bench.configure(&[Parameter::Method(Channel::ALL[WHEEL], Method::Pwm)]);
+        bench.send(run(Scope::All, true));
+        bench.run_alive_ms(200);
+        assert_eq!(bench.bridge(WHEEL), (0, false), "{late} ms after the stop began");
+    }
+}
+
+#[test]
+fn a_running_channel_that_is_suspended_is_paused_and_goes_on_when_it_is_resumed() {
+    for motion in [Motion::Pwm, Motion::Velocity, Motion::Position] {
+        let mut bench = bench();
+        set_going(&mut bench, motion);
+        bench.send(run(Scope::All, false));
+        bench.run_alive_ms(COASTS_MS);
+        assert_eq!(bench.bridge(WHEEL), (0, false));
+        bench.send(run(Scope::All, true));
+        bench.run_alive_ms(300);
+        assert!(bench.velocity(WHEEL) > 300.0, "{motion:?}: {}", bench.velocity(WHEEL));
+    }
+}
