@@ -3,8 +3,10 @@
 use firmware::settings::Settings;
 use hal_mock::board::Make;
 use hal_mock::plant::{Motor, MotorScene, Scene, ShaftSensor};
+use protocol::pms5005::extension::Request;
 use protocol::pms5005::{
-    Addressing, Channel, Command, Method, Move, Parameter, Polarity, Quantity, Scope, Sensor, did,
+    Addressing, Channel, Command, Frame, Method, Move, Parameter, Polarity, Quantity, Repeat,
+    Scope, Sensor, did,
 };
 use tests::Bench;
 
@@ -38,7 +40,7 @@ fn everything_moving() -> Bench {
 }
 
 #[test]
-fn a_silent_host_stops_pwm_and_velocity_within_100_ms_and_positions_hold() {
+fn a_silent_host_stops_pwm_and_velocity_within_100_ms_and_servos_where_they_are() {
     let mut bench = everything_moving();
     // The last frame came a moment ago. Until 2 s after it nothing changes.
     bench.run_ms(1980);
@@ -49,12 +51,12 @@ fn a_silent_host_stops_pwm_and_velocity_within_100_ms_and_positions_hold() {
     assert_eq!((bench.bridge(0), bench.bridge(1)), ((0, false), (0, false)));
     assert!(bench.velocity(1).abs() < 500.0, "{}", bench.velocity(1));
     assert!(bench.board.snapshot().link_loss);
-    // The joint and the servo stay where they were on their way, held.
+    // The servo stays where it was on its way; the joint's timed move goes on to its end, and holds.
     bench.run_ms(300);
     let (joint, servo) = (bench.position(2), bench.pulse(3));
-    assert!((1100..1600).contains(&joint), "{joint}");
-    bench.run_ms(5000);
-    assert!(bench.bridge(2).1 && (bench.position(2) - joint).abs() <= 2);
+    assert!((1400..1600).contains(&joint), "{joint}");
+    bench.run_ms(9000);
+    assert!(bench.bridge(2).1 && (2980..=3000).contains(&bench.position(2)));
     assert!(servo.is_some() && bench.pulse(3) == servo);
 }
 
@@ -262,16 +264,107 @@ fn a_suspended_channel_does_not_start_by_itself_after_link_loss() {
     assert!(bench.velocity(1).abs() < 20.0);
 }
 
-#[test]
-fn frames_for_others_and_garbage_are_no_sign_of_life() {
+/// Whether wheel 0 still runs after 3 s in which this came ten times a second.
+fn keeps_running(mut comes: impl FnMut(&mut Bench)) -> bool {
     let mut bench = everything_moving();
-    let not_ours = [0x5E, 2, 8, 0, 255, 1, 0, 0xA2, 0x5E, 0x0D];
     for _ in 0..30 {
-        bench.board.line.host_sends(&not_ours);
-        bench.board.line.host_sends(b"any noise");
+        comes(&mut bench);
         bench.run_ms(100);
     }
+    bench.bridge(0) == (8000, true)
+}
+
+#[test]
+fn whoever_talks_to_any_device_is_alive_and_garbage_or_our_own_echo_is_nobody() {
+    let mut to_the_camera = [0; 10];
+    Frame { rid: 8, res: 0, did: 255, data: &[0] }.encode(&mut to_the_camera).unwrap();
+    assert!(keeps_running(|bench| bench.board.line.host_sends(&to_the_camera)));
+    to_the_camera[6] ^= 1;
+    assert!(!keeps_running(|bench| bench.board.line.host_sends(&to_the_camera)));
+    assert!(!keeps_running(|bench| bench.board.line.host_sends(b"any noise")));
+    // A line that echoes: our telemetry and our acknowledgements come back.
+    assert!(!keeps_running(|bench| {
+        while let Some((_, frame)) = bench.board.line.host_receives() {
+            bench.board.line.host_sends(&frame);
+        }
+    }));
+}
+
+#[test]
+fn who_only_watches_keeps_nothing_running() {
+    assert!(keeps_running(|bench| bench.send(Command::Ping)));
+    let once = Repeat::Times(1.try_into().unwrap());
+    for request in [
+        Request::Setting(1),
+        Request::Identity,
+        Request::Health(once),
+        Request::Health(Repeat::Continuous),
+        Request::Counters,
+        Request::Fault(0),
+    ] {
+        assert!(!keeps_running(|bench| bench.send(Command::Extension(request))), "{request:?}");
+    }
+    // Not even one that asks wrongly; but one that sets is a host.
+    assert!(!keeps_running(|bench| bench.send_raw(did::LCD + 77, &[1, 2, 3])));
+    assert!(keeps_running(|bench| bench.send_raw(7, &[0x80, 32, 0, 50, 0, 0, 0])));
+}
+
+/// A wheel on a move of 12,000 counts in `periods`, whose host says nothing any more.
+fn left_on_a_move(periods: u16, settings: Settings) -> Bench {
+    let mut bench = Bench::with(Make { settings, ..Make::default() });
+    position_by_encoder(&mut bench);
+    bench.drive(Quantity::Position, 0, 12_000, periods);
+    bench
+}
+
+#[test]
+fn a_timed_move_of_a_silent_host_goes_on_to_its_end_and_holds() {
+    let mut bench = left_on_a_move(5000, Settings::DEFAULT);
+    bench.run_ms(3000);
+    assert!(bench.board.snapshot().link_loss);
+    assert!((6500..7500).contains(&bench.position(0)), "{}", bench.position(0));
+    bench.run_ms(3000);
+    assert!(bench.bridge(0).1 && (bench.position(0) - 12_000).abs() <= 20, "{}", bench.position(0));
+    // As an untimed one it holds within a band, and only a motion command moves it.
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(100);
     assert_eq!(bench.bridge(0), (0, false));
+}
+
+#[test]
+fn a_timed_move_goes_on_without_a_host_for_as_long_as_a_setting_says() {
+    for (longest_move, ends_at) in [(10_000, 10_000), (4000, 4000), (1000, 2000), (0, 2000)] {
+        let mut settings = Settings::DEFAULT;
+        settings.control.longest_move = longest_move;
+        let mut bench = left_on_a_move(20_000, settings);
+        bench.run_ms(15_000);
+        let line = 12_000 * ends_at / 20_000;
+        assert!((bench.position(0) - line).abs() <= 150, "{longest_move}: {}", bench.position(0));
+    }
+}
+
+#[test]
+fn what_holds_a_timed_move_of_a_silent_host_back_ends_it() {
+    let obstacle = |bench: &Bench, cm| bench.board.plant.borrow_mut().overrides.sonar_cm[0] = cm;
+    let mut bench = left_on_a_move(8000, Settings::DEFAULT);
+    bench.configure(&[Parameter::CollisionProtection(true)]);
+    bench.run_ms(3000);
+    obstacle(&bench, Some(10));
+    bench.run_ms(500);
+    let at = bench.position(0);
+    obstacle(&bench, None);
+    bench.run_ms(6000);
+    assert!((bench.position(0) - at).abs() <= 140, "from {at} to {}", bench.position(0));
+
+    let mut bench = left_on_a_move(8000, Settings::DEFAULT);
+    bench.run_ms(3000);
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.run_alive_ms(500);
+    let at = bench.position(0);
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(6000);
+    assert_eq!((bench.position(0), bench.bridge(0)), (at, (0, false)));
 }
 
 #[test]

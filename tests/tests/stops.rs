@@ -4,12 +4,13 @@
 //! A stop is a silent host, a fault, a neutral PWM, a velocity of 0, or a suspension of a channel that
 //! one of these is stopping. A suspension of a running channel only pauses it.
 
+use firmware::settings::Settings;
 use hal_mock::board::Make;
 use proptest::prelude::*;
 use protocol::pms5005::extension::{Action, Assignments, Request};
 use protocol::pms5005::{
-    Channel, Command, Data, Gain, Loop, Method, Parameter, Polarity, Quantity, Repeat, Reports, Scope,
-    Sensor,
+    Channel, Command, Data, Gain, Loop, Method, Parameter, Polarity, Quantity, Repeat, Reports,
+    Scope, Sensor,
 };
 use tests::Bench;
 
@@ -17,9 +18,12 @@ const WHEEL: usize = 0;
 /// After a stop a wheel at full speed coasts for a while.
 const COASTS_MS: u64 = 1500;
 
-/// A line without a speed limit: all that is sent at once comes in one period.
+/// A line without a speed limit: all that is sent at once comes in one period. And silence stops
+/// timed moves too.
 fn bench() -> Bench {
-    Bench::with(Make { line_rate: 0, ..Make::default() })
+    let mut settings = Settings::DEFAULT;
+    settings.control.longest_move = 0;
+    Bench::with(Make { line_rate: 0, settings, ..Make::default() })
 }
 
 fn run(scope: Scope, run: bool) -> Command<'static> {
@@ -142,7 +146,7 @@ fn assert_at_rest(bench: &mut Bench, what: &str) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..Default::default() })]
     #[test]
     fn nothing_but_a_motion_command_moves_what_was_stopped(
         motion in prop::sample::select(vec![Motion::Pwm, Motion::Velocity, Motion::Position]),

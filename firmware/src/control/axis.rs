@@ -98,6 +98,8 @@ pub struct Axis {
     is_stop: bool,
     /// Off, or coming to rest, because the host fell silent.
     link_lost: bool,
+    /// A timed move goes on to the end of its time although the host is silent.
+    is_orphaned: bool,
     method: Method,
     /// What sub-command 0E chose; until then every motion command chooses for itself.
     chosen_method: Option<Method>,
@@ -131,6 +133,7 @@ impl Axis {
             state: State::Off,
             is_stop: true,
             link_lost: false,
+            is_orphaned: false,
             method: Method::Pwm,
             chosen_method: None,
             sensor: Sensor::SinglePotentiometer,
@@ -203,6 +206,7 @@ impl Axis {
     pub fn go(&mut self, method: Method, target: i16, periods: u16, now: Reading) {
         self.is_stop = method != Method::Position && target == 0;
         self.link_lost = false;
+        self.is_orphaned = false;
         if self.state != State::Running || self.method != method {
             self.engage(method, now);
         }
@@ -250,7 +254,9 @@ impl Axis {
     }
 
     /// The host has fallen silent: PWM and velocity come to rest within 100 ms and switch off; a
-    /// position loop breaks off its move and holds where the shaft is.
+    /// position loop breaks off its move and holds where the shaft is. A timed move that is under way
+    /// goes on to the end of its time and holds then, unless something keeps it back on its way or
+    /// [`end_move`](Self::end_move) comes before.
     pub fn link_lost(&mut self, now: Reading) {
         match (self.state, self.method) {
             (State::Running, Method::Pwm | Method::Velocity) => {
@@ -258,18 +264,30 @@ impl Axis {
                 self.state = State::Stopping(STOP_OFF);
                 self.link_lost = true;
             }
-            (State::Running, Method::Position) => {
-                let scale = scale(self.sensor);
-                let ahead = scale.difference(Counts::from_bits(self.set_point), now.position);
-                let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
-                self.set_point = scale.advance(now.position, held).to_bits();
-                self.ramp = Ramp::NONE;
-            }
+            (State::Running, Method::Position) if self.ramp.left() > 0 => self.is_orphaned = true,
+            (State::Running, Method::Position) => self.hold(now),
             (State::Paused, _) => self.stopped(),
             (State::Off | State::Stopping(_), _) => {}
         }
         self.is_stop = true;
         self.goal = None;
+    }
+
+    /// Breaks off a timed move of a host that has been silent for too long.
+    pub fn end_move(&mut self, now: Reading) {
+        if self.is_orphaned {
+            self.hold(now);
+        }
+    }
+
+    /// A position loop breaks off its move and holds within the band around the shaft.
+    fn hold(&mut self, now: Reading) {
+        let scale = scale(self.sensor);
+        let ahead = scale.difference(Counts::from_bits(self.set_point), now.position);
+        let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
+        self.set_point = scale.advance(now.position, held).to_bits();
+        self.ramp = Ramp::NONE;
+        self.is_orphaned = false;
     }
 
     /// Sub-command 0E. A running channel takes up the new method where it is: a velocity that it
@@ -354,6 +372,9 @@ impl Axis {
             self.drive = Drive::ZERO;
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
+        if self.is_orphaned && (self.ramp.left() == 0 || self.is_held_back(limits)) {
+            self.hold(now);
+        }
         let slope = CountsPerSecond::from_bits(self.ramp.slope());
         self.move_set_point();
         let own = match self.method {
@@ -363,6 +384,13 @@ impl Axis {
         };
         self.drive = limits.apply(self.cross_over(own));
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
+    }
+
+    /// Whether the limits forbid full drive the way that the set-point moves.
+    fn is_held_back(&self, limits: &Limits) -> bool {
+        let slope = self.ramp.slope();
+        (slope > 0 && limits.high < Limits::FULL.high)
+            || (slope < 0 && limits.low > Limits::FULL.low)
     }
 
     fn position_loop(&mut self, now: Reading, slope: CountsPerSecond, limits: &Limits) -> Drive {
@@ -457,6 +485,7 @@ impl Axis {
     fn stopped(&mut self) {
         self.switch_off(State::Off);
         self.is_stop = true;
+        self.is_orphaned = false;
         self.set_point = 0;
         self.forget();
     }

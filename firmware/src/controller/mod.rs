@@ -93,15 +93,14 @@ impl Controller {
 
     /// One control period.
     ///
-    /// `link_frames` is the count of valid frames that the host has sent us so far; a change of
-    /// it is a sign of life. Commands that do not fit the channels' sensors or methods are
+    /// `signs_of_life` is a count that changes with every sign of life of the host. Commands that do not fit the channels' sensors or methods are
     /// refused whole and counted.
     pub fn step(
         &mut self,
         commands: impl IntoIterator<Item = Command>,
         motion: &MotionInputs,
         sensors: &Sensors,
-        link_frames: u32,
+        signs_of_life: u32,
     ) -> Snapshot {
         self.counters.periods = self.counters.periods.wrapping_add(1);
         self.measure(motion);
@@ -111,16 +110,26 @@ impl Controller {
                 warning!("command refused: {}", reason);
             }
         }
-        if self.link.step(link_frames, self.settings.link_timeout) == LinkEvent::Lost {
-            self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
-            warning!("the host is silent: {} ms", self.settings.link_timeout);
-            for channel in Channel::ALL {
-                let reading = self.reading(channel);
-                self.axes[channel.index()].link_lost(reading);
+        let ControlSettings { link_timeout, longest_move, .. } = self.settings;
+        match self.link.step(signs_of_life, link_timeout, longest_move) {
+            LinkEvent::None => {}
+            LinkEvent::Lost => {
+                self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
+                warning!("the host is silent: {} ms", link_timeout);
+                for channel in Channel::ALL {
+                    let reading = self.reading(channel);
+                    self.axes[channel.index()].link_lost(reading);
+                }
+                self.servos.iter_mut().for_each(Servo::link_lost);
+                let silence = i16::try_from(link_timeout).unwrap_or(i16::MAX);
+                self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
             }
-            self.servos.iter_mut().for_each(Servo::link_lost);
-            let silence = i16::try_from(self.settings.link_timeout).unwrap_or(i16::MAX);
-            self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
+            LinkEvent::MovesEnd => {
+                for channel in Channel::ALL {
+                    let reading = self.reading(channel);
+                    self.axes[channel.index()].end_move(reading);
+                }
+            }
         }
         if let Some((fault, values)) = self.board.step(sensors, &self.settings.board_faults) {
             let [first, second] = values.map(|value| i16::try_from(value).unwrap_or(i16::MAX));

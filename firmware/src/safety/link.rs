@@ -2,12 +2,12 @@
 
 /// Notices that the host has fallen silent.
 ///
-/// It watches the count of valid frames that the link has received, so a link that hangs is the
-/// same as a host that does.
+/// It watches a count of the host's signs of life, so a link that hangs is the same as a host that
+/// does.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkWatch {
-    frames: u32,
-    /// Control periods since the last frame; `None` before the first.
+    signs: u32,
+    /// Control periods since the last sign of life; `None` before the first.
     silence: Option<u16>,
     lost: bool,
 }
@@ -17,23 +17,29 @@ pub struct LinkWatch {
 pub enum LinkEvent {
     /// The host has just fallen silent.
     Lost,
+    /// It has been silent for so long that a timed move may go on no further.
+    MovesEnd,
     /// Nothing new.
     None,
 }
 
 impl LinkWatch {
-    /// One period: `frames` is the count of valid frames for us so far, `timeout` the silence
-    /// allowed in control periods (0: any).
-    pub fn step(&mut self, frames: u32, timeout: u16) -> LinkEvent {
-        if frames != self.frames {
-            self.frames = frames;
+    /// One period: `signs` is the count of signs of life so far, `timeout` the silence allowed in
+    /// control periods (0: any), `longest_move` how long a timed move may go on without a host.
+    pub fn step(&mut self, signs: u32, timeout: u16, longest_move: u16) -> LinkEvent {
+        if signs != self.signs {
+            self.signs = signs;
             self.silence = Some(0);
             self.lost = false;
             return LinkEvent::None;
         }
         let Some(silence) = &mut self.silence else { return LinkEvent::None };
         *silence = silence.saturating_add(1);
-        if timeout > 0 && *silence >= timeout && !self.lost {
+        if self.lost {
+            let is_over = *silence == longest_move.max(timeout.saturating_add(1));
+            return if is_over { LinkEvent::MovesEnd } else { LinkEvent::None };
+        }
+        if timeout > 0 && *silence >= timeout {
             self.lost = true;
             return LinkEvent::Lost;
         }
@@ -51,17 +57,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn silence_is_noticed_once_after_exactly_the_timeout() {
-        let mut watch = LinkWatch::default();
-        for _ in 0..5000 {
-            assert_eq!(watch.step(0, 2000), LinkEvent::None, "no host was ever there");
+    fn silence_is_noticed_once_after_exactly_the_timeout_and_moves_end_once_too() {
+        for (longest_move, moves_end) in [(3000, 3000), (2000, 2001), (0, 2001)] {
+            let mut watch = LinkWatch::default();
+            for _ in 0..5000 {
+                assert_eq!(watch.step(0, 2000, longest_move), LinkEvent::None, "nobody was there");
+            }
+            watch.step(1, 2000, longest_move);
+            let mut events = (1..65_000).map(|at| (at, watch.step(1, 2000, longest_move)));
+            assert_eq!(events.find(|(_, e)| *e != LinkEvent::None), Some((2000, LinkEvent::Lost)));
+            let next = events.find(|(_, event)| *event != LinkEvent::None);
+            assert_eq!(next, Some((moves_end, LinkEvent::MovesEnd)));
+            assert_eq!(events.find(|(_, event)| *event != LinkEvent::None), None);
+            assert!(watch.is_lost());
+            watch.step(2, 2000, longest_move);
+            assert!(!watch.is_lost());
+            let mut events = (0..65_000).map(|_| watch.step(2, 0, longest_move));
+            assert_eq!(events.find(|event| *event != LinkEvent::None), None, "0 is never");
         }
-        watch.step(1, 2000);
-        let lost: Vec<_> = (1..5000).filter(|_| watch.step(1, 2000) == LinkEvent::Lost).collect();
-        assert_eq!(lost, [2000]);
-        assert!(watch.is_lost());
-        watch.step(2, 2000);
-        assert!(!watch.is_lost());
-        assert!((0..65_000).all(|_| watch.step(2, 0) == LinkEvent::None), "0 is never");
     }
 }

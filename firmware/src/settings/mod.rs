@@ -169,6 +169,10 @@ pub struct ControlSettings {
     /// Silence of the host, in control periods (ms), after which moving channels are stopped;
     /// 0 never stops them. Default 2000.
     pub link_timeout: u16,
+    /// Silence of the host, in control periods (ms), in which a timed position move may go on to the
+    /// end of its time; not above `link_timeout` silence stops it as it stops an untimed one. Default
+    /// 10,000.
+    pub longest_move: u16,
     /// How Ki is read.
     pub ki_reading: KiReading,
     /// Encoder counts per second at full drive, for feed-forward; default 16384.
@@ -319,6 +323,7 @@ impl Settings {
     pub const DEFAULT: Self = Self {
         control: ControlSettings {
             link_timeout: 2000,
+            longest_move: 10_000,
             ki_reading: KiReading::Hundredths,
             full_speed_encoder: Duty::FULL as u32,
             full_speed_potentiometer: 4096,

@@ -172,7 +172,7 @@ mod tests {
         let named = |number| &*walked.iter().find(|setting| setting.0 == number).unwrap().1;
         assert_eq!((named(80), named(91)), ("soft limit low 0", "soft limit high 5"));
         assert_eq!((named(128), named(173)), ("joint speed 1", "joint ticks per 90 6"));
-        assert_eq!(Settings::DEFAULT.describe(5), None);
+        assert_eq!(Settings::DEFAULT.describe(15), None);
     }
 
     #[test]

@@ -174,6 +174,9 @@ settings! {
     4, "full speed potentiometer", CountsPerSecond, 0, 8000000, 4096,
         "a potentiometer's speed at full drive, for feed-forward; 0 is none",
         |s, _| U32(&mut s.control.full_speed_potentiometer);
+    5, "longest move", Milliseconds, 0, 60000, 10000,
+        "silence of the host in which a timed position move goes on to its end; 0 stops it with 1",
+        |s, _| U16(&mut s.control.longest_move);
     16, "sonar stop", Centimetres, 0, 254, 30,
         "collision protection: an ultrasonic range that stops forward drive",
         |s, _| U8(&mut s.control.collision.sonar_stop_cm);

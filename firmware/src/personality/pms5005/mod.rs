@@ -11,6 +11,8 @@
 //! - telemetry that could not be sent before its next turn is skipped and counted, not queued;
 //!   the three reports take turns, so that none starves;
 //! - the host hears from us at least once a second: telemetry, or a ping;
+//! - any intact frame is a sign of life of the host, those for other devices too, but what comes from a
+//!   board (RID 0: an echo of our own) and what only asks to be told something;
 //! - what the extension is asked for goes behind acknowledgements, before telemetry.
 
 mod translate;
@@ -18,9 +20,10 @@ mod translate;
 use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
-use protocol::pms5005::extension::{Answer, Outcome, Request as ExtensionRequest, owns};
+use protocol::pms5005::extension::{Answer, Outcome, Request as ExtensionRequest, is_read, owns};
 use protocol::pms5005::{
-    self as wire, ACK, Frame, PING, RES_NO_ACK, RID_PMS5005, Refusal, Repeat, Report, Reports,
+    self as wire, ACK, Frame, PING, RES_NO_ACK, RID_HOST, RID_PMS5005, Refusal, Repeat, Report,
+    Reports,
 };
 
 use super::extension::{Boot, Extension, Owed};
@@ -50,7 +53,7 @@ pub struct LinkCounters {
     pub bad_frames: u32,
     /// Bytes that were part of no intact frame.
     pub bytes_skipped: u32,
-    /// Intact frames for us: signs of life of our host.
+    /// Intact frames for us.
     pub frames_for_us: u32,
     /// Intact frames for other devices on the line.
     pub not_for_us: u32,
@@ -102,6 +105,8 @@ struct Answers {
     turn: usize,
     acks_waiting: u16,
     ping_answered: Option<Instant>,
+    /// Counts frames that show that a host is there. It wraps.
+    signs_of_life: u32,
     /// When the host last heard telemetry or a ping.
     spoke: Instant,
     counters: LinkCounters,
@@ -141,6 +146,7 @@ impl Pms5005 {
                 turn: 0,
                 acks_waiting: 0,
                 ping_answered: None,
+                signs_of_life: 0,
                 spoke: now,
                 counters: LinkCounters::default(),
             },
@@ -222,7 +228,7 @@ impl Session for Pms5005 {
     }
 
     fn signs_of_life(&self) -> u32 {
-        self.answers.counters.frames_for_us
+        self.answers.signs_of_life
     }
 }
 
@@ -293,6 +299,9 @@ impl Answers {
     /// Does what an intact frame asks of the session, and yields what it asks of the board.
     fn respond(&mut self, frame: &[u8], now: Instant) -> Option<Request> {
         let frame = Frame::parse(frame)?;
+        if frame.rid != RID_HOST && !is_read(frame.did) {
+            count(&mut self.signs_of_life, 1);
+        }
         if frame.rid != RID_PMS5005 {
             count(&mut self.counters.not_for_us, 1);
             return None;

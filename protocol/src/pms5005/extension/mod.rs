@@ -21,7 +21,7 @@
 //! # Table E.1: from host to board
 //! | DID | definition | DATA | answer |
 //! |---|---|---|---|
-//! | 7 | Set settings, all of them or none, within a few control periods; thresholds that belong together in the same | `[0x80 + number (2 bytes) + value (4 bytes)]+`, 36 of them at most | 101 |
+//! | 7 | Set settings, all of them or none, in one control period | `[0x80 + number (2 bytes) + value (4 bytes)]+`, 36 of them at most | 101 |
 //! | 7 | Clear the latched faults, but for those of the board whose cause is still there | `0x81` | 101 |
 //! | 7 | Save the settings; only with all motors and servos off | `0x82` | 101, when it is done |
 //! | 7 | Factory reset: the defaults, in force and saved; only with all off | `0x83` | 101, when it is done |
@@ -69,6 +69,8 @@
 //!
 //! A Pioneer Arm carries the same in [other packets](crate::arcos::extension).
 //!
+//! Who only reads keeps nothing running: DIDs 96 to 111 are no signs of life ([`is_read`]).
+//!
 //! Nothing here is a measured value that could give way: unlike telemetry, DATA may hold `5E 0D`.
 
 mod answer;
@@ -103,9 +105,14 @@ pub mod did {
     pub const LAST: u8 = 111;
 }
 
+/// Whether a frame with this DID asks only to be told something.
+pub fn is_read(did: u8) -> bool {
+    (did::SETTING..=did::LAST).contains(&did)
+}
+
 /// Whether a frame with this DID and DATA is the extension's, well formed or not.
 pub fn owns(did: u8, data: &[u8]) -> bool {
     let is_sub_command =
         did == super::did::PARAMETERS && data.first().is_some_and(|&sub| sub >= request::SET);
-    is_sub_command || (did::SETTING..=did::LAST).contains(&did)
+    is_sub_command || is_read(did)
 }
