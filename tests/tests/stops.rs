@@ -2,15 +2,16 @@
 //! any period.
 //!
 //! A stop is a silent host, a fault, a neutral PWM, a velocity of 0, or a suspension of a channel that
-//! one of these is stopping. A suspension of a running channel only pauses it.
+//! one of these is stopping. A suspension of a running channel only pauses it. And a stop by the host is
+//! how an old one, which knows no resume, clears a latch.
 
 use firmware::settings::Settings;
 use hal_mock::board::Make;
 use proptest::prelude::*;
 use protocol::pms5005::extension::{Action, Assignments, Request};
 use protocol::pms5005::{
-    Channel, Command, Data, Gain, Loop, Method, Parameter, Polarity, Quantity, Repeat, Reports,
-    Scope, Sensor,
+    Addressing, Channel, Command, Data, Gain, Loop, Method, Move, Parameter, Polarity, Quantity, Repeat,
+    Reports, Scope, Sensor,
 };
 use tests::Bench;
 
@@ -217,4 +218,144 @@ fn a_running_channel_that_is_suspended_is_paused_and_goes_on_when_it_is_resumed(
         bench.run_alive_ms(300);
         assert!(bench.velocity(WHEEL) > 300.0, "{motion:?}: {}", bench.velocity(WHEEL));
     }
+}
+
+/// Pulls the wheel's encoder under way, and plugs it in again when the channel has tripped.
+fn trip(bench: &mut Bench) {
+    bench.drive(Quantity::Velocity, WHEEL, 8000, 0);
+    bench.run_alive_ms(800);
+    let pull = |bench: &Bench, at| bench.board.plant.borrow_mut().overrides.encoders[WHEEL] = at;
+    pull(bench, Some(100));
+    for _ in 0..4000 {
+        bench.run_alive_ms(1);
+        if is_latched(bench) {
+            pull(bench, None);
+            return;
+        }
+    }
+    panic!("a pulled encoder is no fault");
+}
+
+fn is_latched(bench: &Bench) -> bool {
+    bench.board.snapshot().faults.stops_motor(Channel::ALL[WHEEL])
+}
+
+/// The stops that an old host knows.
+const STOPS: [fn(&mut Bench); 6] = [
+    |b| b.send(run(Scope::All, false)),
+    |b| b.send(run(Scope::Motor(Channel::ALL[WHEEL]), false)),
+    |b| b.drive(Quantity::Pwm, WHEEL, 16_384, 0),
+    |b| b.drive(Quantity::Pwm, WHEEL, 16_383, 0),
+    |b| b.drive(Quantity::Velocity, WHEEL, 0, 0),
+    |b| all_six(b, Quantity::Velocity, 0),
+];
+
+fn all_six(bench: &mut Bench, quantity: Quantity, target: i16) {
+    let (addressing, targets) = (Addressing::All, [Some(target); 6]);
+    bench.send(Command::Move(Move { quantity, addressing, targets, periods: 0 }));
+}
+
+#[test]
+fn a_stop_a_second_after_the_trip_clears_a_channels_latch_and_moves_nothing() {
+    for stop in STOPS {
+        let mut bench = bench();
+        trip(&mut bench);
+        bench.run_alive_ms(900);
+        stop(&mut bench);
+        bench.run_alive_ms(50);
+        assert!(is_latched(&bench), "too soon");
+        bench.run_alive_ms(100);
+        stop(&mut bench);
+        bench.run_alive_ms(50);
+        assert!(!is_latched(&bench));
+        bench.run_alive_ms(COASTS_MS);
+        assert_at_rest(&mut bench, "cleared by a stop");
+        bench.drive(Quantity::Velocity, WHEEL, 1000, 0);
+        bench.run_alive_ms(800);
+        assert!((950.0..1050.0).contains(&bench.velocity(WHEEL)), "{}", bench.velocity(WHEEL));
+    }
+}
+
+#[test]
+fn what_is_no_stop_of_this_channel_clears_nothing() {
+    let no_stops: [fn(&mut Bench); 6] = [
+        |b| b.drive(Quantity::Pwm, WHEEL, 0, 0), // full reverse
+        |b| b.drive(Quantity::Velocity, WHEEL, 1000, 0),
+        |b| b.drive(Quantity::Position, WHEEL, 0, 0),
+        |b| b.drive(Quantity::Velocity, 1, 0, 0),
+        |b| b.send(run(Scope::Motor(Channel::ALL[1]), false)),
+        |b| b.send(Command::Ping),
+    ];
+    for command in no_stops {
+        let mut bench = bench();
+        trip(&mut bench);
+        bench.run_alive_ms(2000);
+        command(&mut bench);
+        bench.run_alive_ms(50);
+        assert!(is_latched(&bench));
+        assert_eq!(bench.bridge(WHEEL), (0, false));
+    }
+    // Nor does a stop while the current is over its threshold.
+    let mut bench = bench();
+    trip(&mut bench);
+    bench.run_alive_ms(2000);
+    bench.board.plant.borrow_mut().overrides.currents[WHEEL] = Some(3700);
+    bench.drive(Quantity::Pwm, WHEEL, 16_384, 0);
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench));
+}
+
+#[test]
+fn a_channel_that_trips_three_times_in_a_minute_waits_for_a_resume() {
+    let stop = |bench: &mut Bench| {
+        bench.run_alive_ms(1100);
+        bench.drive(Quantity::Pwm, WHEEL, 16_384, 0);
+        bench.run_alive_ms(50);
+        is_latched(bench)
+    };
+    let mut bench = bench();
+    trip(&mut bench);
+    assert!(!stop(&mut bench));
+    trip(&mut bench);
+    assert!(!stop(&mut bench));
+    trip(&mut bench);
+    assert!(stop(&mut bench) && stop(&mut bench), "three times");
+    bench.send(run(Scope::All, true));
+    bench.run_alive_ms(50);
+    assert!(!is_latched(&bench));
+    // And counts anew.
+    trip(&mut bench);
+    assert!(!stop(&mut bench));
+    bench.run_alive_ms(61_000);
+    trip(&mut bench);
+    assert!(!stop(&mut bench));
+    trip(&mut bench);
+    assert!(!stop(&mut bench), "one of three was more than a minute ago");
+}
+
+#[test]
+fn a_boards_latch_is_cleared_when_its_cause_has_gone_and_every_channel_is_stopped() {
+    let mut bench = bench();
+    set_going(&mut bench, Motion::Pwm);
+    stop(&mut bench, Stop::Fault);
+    bench.run_alive_ms(2000);
+    let last = Scope::Motor(Channel::ALL[5]);
+    for channel in &Channel::ALL[..5] {
+        bench.send(run(Scope::Motor(*channel), false));
+    }
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench), "channel 5 has not been stopped");
+    bench.board.plant.borrow_mut().overrides.overheat[0] = Some(1000);
+    bench.run_alive_ms(1200);
+    bench.send(run(last, false));
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench), "it is too hot again");
+    bench.board.plant.borrow_mut().overrides.overheat[0] = None;
+    bench.run_alive_ms(50);
+    all_six(&mut bench, Quantity::Pwm, 16_384);
+    bench.run_alive_ms(50);
+    assert!(!is_latched(&bench));
+    bench.drive(Quantity::Pwm, WHEEL, 16_384 + 8000, 0);
+    bench.run_alive_ms(50);
+    assert_eq!(bench.bridge(WHEEL), (8000, true));
 }

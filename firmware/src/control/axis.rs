@@ -183,12 +183,13 @@ impl Axis {
         self.link_lost
     }
 
-    /// Whether a motion command would be taken. `target` is as on the wire, a duty for PWM.
+    /// Whether a motion command would be taken, if this sensor measures it. `target` is as on the
+    /// wire, a duty for PWM.
     ///
     /// # Errors
     /// Says why not. A neutral PWM is a stop and always taken.
-    pub fn check(&self, method: Method, target: i16) -> Result<(), AxisRefusal> {
-        let highest = match self.sensor {
+    pub fn check(&self, method: Method, target: i16, sensor: Sensor) -> Result<(), AxisRefusal> {
+        let highest = match sensor {
             Sensor::SinglePotentiometer => 4095,
             Sensor::DualPotentiometer => 4428,
             Sensor::Encoder => i16::MAX,
@@ -204,7 +205,7 @@ impl Axis {
     /// A motion command that [`check`](Self::check) has passed: enables the channel and goes to
     /// the target, in the method's unit, in so many periods.
     pub fn go(&mut self, method: Method, target: i16, periods: u16, now: Reading) {
-        self.is_stop = method != Method::Position && target == 0;
+        self.is_stop = is_stop(method, target);
         self.link_lost = false;
         self.is_orphaned = false;
         if self.state != State::Running || self.method != method {
@@ -516,6 +517,11 @@ impl Default for Axis {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// Whether a motion command is a stop: a neutral PWM, or a velocity of 0.
+pub fn is_stop(method: Method, target: i16) -> bool {
+    method != Method::Position && target == 0
 }
 
 /// The scale of a sensor.

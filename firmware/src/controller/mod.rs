@@ -21,7 +21,7 @@ use protocol::pms5005::extension::{Fault, FaultRecord};
 use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
 use crate::command::{ChannelConfiguration, Command, Configuration, ENCODERS, Refused};
-use crate::control::axis::{Axis, Reading, scale};
+use crate::control::axis::{Axis, Reading, is_stop, scale};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
 use crate::fmt::warning;
@@ -254,7 +254,7 @@ impl Controller {
 
     /// Latches a fault, and stops what it stops.
     fn trip(&mut self, fault: Fault, channel: Option<Channel>, values: [i16; 3]) {
-        let uptime_ms = self.counters.periods.wrapping_mul(CONTROL_PERIOD_MS);
+        let uptime_ms = self.uptime_ms();
         if !self.faults.trip(FaultRecord { fault, channel, uptime_ms, values }) {
             return;
         }
@@ -268,6 +268,19 @@ impl Controller {
         if latched.stops_servos() {
             self.servos.iter_mut().for_each(Servo::trip);
         }
+    }
+
+    /// A host has stopped this channel, which clears its latch as a resume would.
+    fn stopped_by_host(&mut self, channel: Channel, motion: &MotionInputs) {
+        let over_current = self.settings.channel_faults.over_current;
+        let is_calm = over_current == 0 || motion.currents[channel.index()] < over_current;
+        let (board, settings) = (&self.board, &self.settings.board_faults);
+        let lasts = |fault| board.lasts(fault, settings);
+        self.faults.stopped(channel, self.uptime_ms(), is_calm, lasts);
+    }
+
+    fn uptime_ms(&self) -> u32 {
+        self.counters.periods.wrapping_mul(CONTROL_PERIOD_MS)
     }
 
     fn clear_faults(&mut self, scope: Scope, only_stops: bool) {
@@ -316,7 +329,10 @@ impl Controller {
                         match run {
                             true if latched.stops_motor(channel) => {}
                             true => axis.resume(reading),
-                            false => axis.suspend(),
+                            false => {
+                                axis.suspend();
+                                self.stopped_by_host(channel, motion);
+                            }
                         }
                     }
                     if scope == Scope::All || scope == Scope::Servo(channel) {
@@ -361,18 +377,15 @@ impl Controller {
         };
         for (channel, target) in moves() {
             self.axes[channel.index()]
-                .check(method, target)
+                .check(method, target, self.sensor_for(channel, method))
                 .map_err(|reason| Refused::Axis(channel, reason))?;
+        }
+        for (channel, _) in moves().filter(|&(_, target)| is_stop(method, target)) {
+            self.stopped_by_host(channel, motion);
         }
         let latched = self.faults.latched();
         for (channel, target) in moves().filter(|&(channel, _)| !latched.stops_motor(channel)) {
-            // Hosts exist that never choose a sensor and expect velocity control with encoders.
-            if method == Method::Velocity
-                && channel.index() < ENCODERS
-                && !self.axes[channel.index()].sensor_is_chosen()
-            {
-                self.set_sensor(channel, Sensor::Encoder, false, motion);
-            }
+            self.set_sensor(channel, self.sensor_for(channel, method), false, motion);
             let soft = &self.settings.soft_limits[channel.index()];
             let target = match method {
                 Method::Position if soft.are_set() => target.clamp(soft.low, soft.high),
@@ -382,6 +395,14 @@ impl Controller {
             self.axes[channel.index()].go(method, target, periods, reading);
         }
         Ok(())
+    }
+
+    /// What a motion command of this method is measured by. Hosts exist that never choose a sensor and
+    /// expect closed loops over the encoders.
+    fn sensor_for(&self, channel: Channel, method: Method) -> Sensor {
+        let axis = &self.axes[channel.index()];
+        let is_implied = !axis.sensor_is_chosen() && channel.index() < ENCODERS;
+        if is_implied && method != Method::Pwm { Sensor::Encoder } else { axis.sensor() }
     }
 
     fn configure(

@@ -18,6 +18,11 @@
 //! | fault | `trip`: what it stops forgets where it was going. And `drive`: whatever a channel is about, what is latched has no output |
 //! | clear | `apply`: [`ClearFaults`](crate::command::Command::ClearFaults) clears all. A resume (DID 30), which hosts of old know, clears before it resumes, and only what stops: of one channel that channel's, of all also the board's |
 //!
+//! An old host knows no resume, but stops (suspend, neutral PWM, velocity 0), and those clear too
+//! ([`Faults::stopped`]): of a channel its own faults, [`REARMS_AFTER_MS`] or more after it has tripped
+//! and with its current in bounds; of all channels the board's, once their cause has gone. A channel that
+//! has tripped [`TRIPS`] times in [`TRIPS_WITHIN_MS`] waits for a resume, the extension, or a restart.
+//!
 //! Clearing moves nothing: a channel is then off, and only a motion command moves it. What the
 //! board suffers from still stays latched; the cause of a channel's fault trips again after its time,
 //! with a new record.
@@ -102,7 +107,19 @@ pub struct Faults {
     /// In the order in which they tripped, without gaps.
     records: [Option<FaultRecord>; RECORDS],
     kept: u8,
+    /// When each channel has last tripped, the newest first; uptime in ms.
+    trips: [[Option<u32>; TRIPS]; CHANNELS],
+    /// When the board has last tripped, and which channels have been stopped since: bit 0 is channel 0.
+    board_tripped: u32,
+    stopped: u8,
 }
+
+/// How long a latch must have stood before a stop clears it.
+const REARMS_AFTER_MS: u32 = 1000;
+/// So many trips of a channel in so short a time are more than a stop clears.
+const TRIPS: usize = 3;
+const TRIPS_WITHIN_MS: u32 = 60_000;
+const ALL_STOPPED: u8 = (1 << CHANNELS) - 1;
 
 /// Records that are kept. When so many stand, the later ones are latched without: the first
 /// tell the cause.
@@ -130,14 +147,66 @@ impl Faults {
             return false;
         }
         match record.channel {
-            Some(channel) => self.latched.channels[channel.index()] |= channel_bit(record.fault),
-            None => self.latched.board |= board_bit(record.fault),
+            Some(channel) => {
+                self.latched.channels[channel.index()] |= channel_bit(record.fault);
+                let trips = &mut self.trips[channel.index()];
+                trips.rotate_right(1);
+                trips[0] = Some(record.uptime_ms);
+            }
+            None => {
+                self.latched.board |= board_bit(record.fault);
+                if stops(record.fault) != Stops::Nothing {
+                    (self.board_tripped, self.stopped) = (record.uptime_ms, 0);
+                }
+            }
         }
         if let Some(free) = self.records.get_mut(usize::from(self.kept)) {
             *free = Some(record);
             self.kept = self.kept.saturating_add(1);
         }
         true
+    }
+
+    /// A host has stopped this DC channel: clears what that clears, see the [module](self). `is_calm`
+    /// says whether the channel's current is in bounds, and `lasts` what the board still suffers from.
+    pub fn stopped(
+        &mut self,
+        channel: Channel,
+        uptime_ms: u32,
+        is_calm: bool,
+        lasts: impl Fn(Fault) -> bool,
+    ) {
+        let has_stood = |since: u32| uptime_ms.wrapping_sub(since) >= REARMS_AFTER_MS;
+        let trips = self.trips[channel.index()];
+        if let [Some(newest), ..] = trips
+            && is_calm
+            && has_stood(newest)
+            && !is_too_often(&trips)
+        {
+            self.forget(|record| record.channel == Some(channel));
+            self.latched.channels[channel.index()] = 0;
+        }
+        if has_stood(self.board_tripped) {
+            self.stopped |= 1 << channel.index();
+        }
+        if self.stopped == ALL_STOPPED {
+            let clears = |fault| stops(fault) != Stops::Nothing && !lasts(fault);
+            self.forget(|record| record.channel.is_none() && clears(record.fault));
+            for &fault in Fault::ALL.iter().filter(|&&fault| clears(fault)) {
+                self.latched.board &= !board_bit(fault);
+            }
+        }
+    }
+
+    /// Drops these records, and closes the gaps.
+    fn forget(&mut self, which: impl Fn(&FaultRecord) -> bool) {
+        let all = core::mem::take(&mut self.records);
+        self.kept = 0;
+        let kept = all.into_iter().flatten().filter(|record| !which(record));
+        for (place, record) in self.records.iter_mut().zip(kept) {
+            *place = Some(record);
+            self.kept = self.kept.saturating_add(1);
+        }
     }
 
     /// Clears what a host has asked for: all, or one DC channel's own. With `only_stops`, what
@@ -153,20 +222,26 @@ impl Faults {
         match scope {
             Scope::All => {
                 self.latched.channels = [0; CHANNELS];
+                self.trips = Default::default();
                 for &fault in Fault::ALL.iter().filter(|&&fault| !stays(fault, None)) {
                     self.latched.board &= !board_bit(fault);
                 }
             }
-            Scope::Motor(channel) => self.latched.channels[channel.index()] = 0,
+            Scope::Motor(channel) => {
+                self.latched.channels[channel.index()] = 0;
+                self.trips[channel.index()] = Default::default();
+            }
             Scope::Servo(_) => {}
         }
-        let all = core::mem::take(&mut self.records);
-        self.kept = 0;
-        let kept = all.into_iter().flatten().filter(|r| stays(r.fault, r.channel));
-        for (place, record) in self.records.iter_mut().zip(kept) {
-            *place = Some(record);
-            self.kept = self.kept.saturating_add(1);
-        }
+        self.forget(|record| !stays(record.fault, record.channel));
+    }
+}
+
+/// Whether a channel has tripped more often than stops may clear.
+fn is_too_often(trips: &[Option<u32>; TRIPS]) -> bool {
+    match trips {
+        [Some(newest), .., Some(oldest)] => newest.wrapping_sub(*oldest) <= TRIPS_WITHIN_MS,
+        _ => false,
     }
 }
 

@@ -23,11 +23,11 @@ pub use numbered::SettingRefused;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum KiReading {
     /// M + N/100: the manual's "integer part, fraction part" in decimal.
-    #[default]
     Hundredths,
     /// M + N/256: the manual's table taken as fixed point.
     Fraction256,
-    /// A 16-bit number, low byte first, divided by 100.
+    /// A 16-bit number, low byte first, divided by 100: what public hosts send.
+    #[default]
     WordHundredths,
 }
 
@@ -324,7 +324,7 @@ impl Settings {
         control: ControlSettings {
             link_timeout: 2000,
             longest_move: 10_000,
-            ki_reading: KiReading::Hundredths,
+            ki_reading: KiReading::WordHundredths,
             full_speed_encoder: Duty::FULL as u32,
             full_speed_potentiometer: 4096,
             collision: CollisionSettings {

@@ -165,7 +165,7 @@ settings! {
     1, "link timeout", Milliseconds, 0, 60000, 2000,
         "silence of the host after which moving channels are stopped; 0 never stops them",
         |s, _| U16(&mut s.control.link_timeout);
-    2, "Ki reading", Choice, 0, 2, 0,
+    2, "Ki reading", Choice, 0, 2, 2,
         "how the two bytes of Ki are read: 0 M + N/100, 1 M + N/256, 2 a word of hundredths",
         |s, _| Ki(&mut s.control.ki_reading);
     3, "full speed encoder", CountsPerSecond, 0, 8000000, 16384,
