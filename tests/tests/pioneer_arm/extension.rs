@@ -13,7 +13,8 @@ use protocol::pms5005::extension::{
     Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Request, ResetCause,
     Verdict,
 };
-use protocol::pms5005::{Data, Repeat, Scope};
+use protocol::pms5005::{Repeat, Scope};
+use tests::extension::assign;
 
 /// The numbers of joint 1's home, lowest and highest position.
 const HOME: u16 = 129;
@@ -26,64 +27,6 @@ fn written(request: Request<'_>) -> Vec<u8> {
     let packet = Packet::parse(&bytes).unwrap();
     assert_eq!(extension::parse_request(&packet), Some(Ok(request)));
     bytes
-}
-
-fn assign(assignments: &[(u16, i32)]) -> Data {
-    let mut data = Data::new();
-    assignments.iter().for_each(|&(n, value)| Assignments::emit(n, value, &mut data).unwrap());
-    data
-}
-
-impl Host {
-    /// Sends a command with these bytes as text, and yields id and data of the one answer to it.
-    fn ask_raw(&mut self, number: u8, text: &[u8]) -> (u8, Vec<u8>) {
-        self.received();
-        let argument = Some(Argument::Text(text));
-        self.send_bytes(encode_command(number, argument, &mut [0; 200]).unwrap());
-        self.run_ms(40);
-        let mut answers: Vec<_> =
-            self.received().into_iter().filter(|packet| (96..112).contains(&packet.id)).collect();
-        assert_eq!(answers.len(), 1, "{number} {text:?}: {answers:?}");
-        let answer = answers.remove(0);
-        (answer.id, answer.packet().data.to_vec())
-    }
-
-    fn outcome(&mut self, number: u8, text: &[u8]) -> (Verdict, u16) {
-        let (id, data) = self.ask_raw(number, text);
-        match extension::parse_answer(&Packet { id, data: &data }) {
-            Some(Answer::Outcome(outcome)) => {
-                let did = if number == 101 { 7 } else { number };
-                assert_eq!((outcome.did, outcome.first), (did, *text.first().unwrap_or(&0)));
-                (outcome.verdict, outcome.setting)
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-
-    fn act(&mut self, action: Action) -> Verdict {
-        self.outcome(101, &[action.number()]).0
-    }
-
-    fn set(&mut self, assignments: &[(u16, i32)]) -> (Verdict, u16) {
-        self.outcome(101, &assign(assignments))
-    }
-
-    fn value(&mut self, number: u16) -> i32 {
-        let (id, data) = self.ask_raw(96, &number.to_le_bytes());
-        match extension::parse_answer(&Packet { id, data: &data }) {
-            Some(Answer::Setting(setting)) => setting.value,
-            other => panic!("{other:?}"),
-        }
-    }
-
-    /// What is told of a fault.
-    fn fault(&mut self, place: u8) -> Latched {
-        let (id, data) = self.ask_raw(100, &[place]);
-        match extension::parse_answer(&Packet { id, data: &data }) {
-            Some(Answer::Fault(latched)) => latched,
-            other => panic!("{other:?}"),
-        }
-    }
 }
 
 #[test]

@@ -12,16 +12,7 @@ fn battery(host: &Host, low: bool) {
 /// Lets the battery go low, and time pass until no servo has a pulse: in ms.
 fn until_off(host: &mut Host, most: u64) -> u64 {
     battery(host, true);
-    for ms in 1..=most {
-        if ms % 500 == 1 {
-            host.send_bare(command::PULSE);
-        }
-        host.run_ms(1);
-        if host.pulses() == NO_PULSES {
-            return ms;
-        }
-    }
-    panic!("still on after {most} ms");
+    host.until(Alive, most, |host| host.pulses() == NO_PULSES)
 }
 
 fn latched(host: &Host) -> Vec<Fault> {

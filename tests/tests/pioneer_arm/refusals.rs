@@ -186,10 +186,7 @@ proptest! {
                     let battery = (!good).then_some(1700);
                     host.board.plant.borrow_mut().overrides.battery[2] = battery;
                 }
-                Event::Silence(ms) => (0..ms).for_each(|_| {
-                    host.run_ms(1);
-                    look(&host);
-                }),
+                Event::Silence(ms) => host.run_with(Silent, ms, &mut look),
                 Event::Alive(ms) => host.run_alive_with(ms, &mut look),
                 Event::RushAndPark(ticks, ms) => {
                     for joint in 1..=6 {
@@ -206,10 +203,7 @@ proptest! {
             }
         }
         // When the host has gone, the arm comes to rest: 255 ticks of 20 ms and the watchdog.
-        (0..8000).for_each(|_| {
-            host.run_ms(1);
-            look(&host);
-        });
+        host.run_with(Silent, 8000, &mut look);
         prop_assert_eq!((host.arm().powered, host.pulses()), (false, NO_PULSES));
         // And it can be had again, each joint where it lost its power.
         host.connect(true);

@@ -286,11 +286,7 @@ fn any_packet_keeps_the_session_alive_and_silence_of_two_seconds_ends_it() {
         host.run_ms(1900);
         host.send_bare(18); // CONFIG: not answered, but heard
     }
-    host.run_ms(1990);
-    assert_eq!(host.link().watchdogs, 0);
-    host.received();
-    host.run_ms(20);
-    assert_eq!(host.link().watchdogs, 1);
+    host.see(Silent, |host| host.link().watchdogs, [(1990, 0), (2010, 1)]);
     host.received();
     host.run_ms(1000);
     assert!(host.received().is_empty());
@@ -319,12 +315,7 @@ fn a_host_that_dies_in_mid_move_leaves_an_arm_that_goes_home_slowly_and_switches
     host.go(1, 227);
     host.go(2, 27);
     let mut watch = NoJump::new(&host);
-    let mut run = |host: &mut Host, ms| {
-        for _ in 0..ms {
-            host.run_ms(1);
-            watch.look(host);
-        }
-    };
+    let mut run = |host: &mut Host, ms| host.run_with(Silent, ms, |host| watch.look(host));
     // Joint 1 is on its way, joint 2 has arrived.
     run(&mut host, 1990);
     assert_eq!((host.ticks(1), host.ticks(2), host.link().watchdogs), (176, 27, 0));
