@@ -99,10 +99,15 @@ impl Arm {
     /// An open session with servo power.
     pub fn powered() -> Self {
         let mut host = Self::opened();
-        host.send(ArmCommand::Power(true));
-        host.run_ms(5);
+        host.power_up();
         assert!(host.arm().powered);
         host
+    }
+
+    /// Asks for servo power, and lets 5 ms pass.
+    pub fn power_up(&mut self) {
+        self.send(ArmCommand::Power(true));
+        self.run_ms(5);
     }
 
     /// Sends a command.
@@ -131,6 +136,12 @@ impl Arm {
         self.send(ArmCommand::Speed { joint: number(joint), ms_per_tick });
     }
 
+    /// From SYNC0 to OPEN without waiting for an answer.
+    pub fn open_blindly(&mut self) {
+        SYNC.iter().for_each(|sync| self.send_bare(sync.id));
+        self.send_int(command::OPEN, 1);
+    }
+
     /// From SYNC0 to OPEN, each step after the answer to the one before.
     pub fn open(&mut self) {
         for sync in SYNC {
@@ -143,6 +154,12 @@ impl Arm {
         assert_eq!(self.ids(), [Standard::ID]);
     }
 
+    /// The first packet with this id that has come since the last call.
+    #[track_caller]
+    pub fn heard(&mut self, id: u8) -> Received {
+        self.received().into_iter().find(|packet| packet.id == id).expect("a packet with this id")
+    }
+
     /// The ids of the packets that have come since the last call.
     pub fn ids(&mut self) -> Vec<u8> {
         self.received().iter().map(|packet| packet.id).collect()
@@ -153,9 +170,7 @@ impl Arm {
         self.received();
         self.send(ArmCommand::Status(StatusRequest::Once));
         self.run_ms(10);
-        let packets = self.received();
-        let status = packets.iter().find(|packet| packet.id == ArmStatus::ID).unwrap();
-        status.packet().data.to_vec()
+        self.heard(ArmStatus::ID).packet().data.to_vec()
     }
 
     /// What the session has counted.

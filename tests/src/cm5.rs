@@ -23,23 +23,26 @@ pub enum Said {
     Report(Vec<Option<Feedback>>),
 }
 
+/// A board and its line to the PC.
+pub type PcHost = Host<Cm5Board>;
+
 /// A board and its PC.
 pub struct Bench {
-    host: Host<Cm5Board>,
+    host: PcHost,
     /// How many servos the PC has agreed on.
     pub agreed: usize,
 }
 
 impl Deref for Bench {
-    type Target = Host<Cm5Board>;
+    type Target = PcHost;
 
-    fn deref(&self) -> &Host<Cm5Board> {
+    fn deref(&self) -> &PcHost {
         &self.host
     }
 }
 
 impl DerefMut for Bench {
-    fn deref_mut(&mut self) -> &mut Host<Cm5Board> {
+    fn deref_mut(&mut self) -> &mut PcHost {
         &mut self.host
     }
 }
@@ -104,12 +107,17 @@ impl Bench {
     pub fn at_work(make: Make) -> Self {
         let count = make.servos.len();
         let mut bench = Self::with(make);
-        bench.run_ms(1500);
-        bench.answer(1, &[limits(0, 1023)]);
-        bench.agreed = count;
-        bench.run_ms(300);
+        bench.agree(1500, &[limits(0, 1023)], count);
         bench.said();
         bench
+    }
+
+    /// Lets the search pass, answers the hello for so many servos, and lets them be set up.
+    pub fn agree(&mut self, search_ms: u64, limits: &[Limits], servos: usize) {
+        self.run_ms(search_ms);
+        self.answer(1, limits);
+        self.agreed = servos;
+        self.run_ms(300);
     }
 
     /// Sends a packet with these parameters.
@@ -177,6 +185,15 @@ impl Bench {
         .collect()
     }
 
+    /// Cycles a second over a time.
+    pub fn rate(&mut self, ms: u64) -> f64 {
+        let before = self.board.bridge().counters().cycles;
+        self.run_ms(ms);
+        f64::from(self.board.bridge().counters().cycles - before) * 1000.0 / ms as f64
+    }
+}
+
+impl PcHost {
     /// What a servo holds in a register.
     pub fn register(&self, servo: usize, register: Register) -> u16 {
         self.board.bus.bus().servo(servo).get(register)
@@ -209,12 +226,5 @@ impl Bench {
     /// What the bridge has counted of a servo.
     pub fn counters(&self, servo: usize) -> ServoCounters {
         self.board.bridge().servos().nth(servo).expect("a known servo").counters()
-    }
-
-    /// Cycles a second over a time.
-    pub fn rate(&mut self, ms: u64) -> f64 {
-        let before = self.board.bridge().counters().cycles;
-        self.run_ms(ms);
-        f64::from(self.board.bridge().counters().cycles - before) * 1000.0 / ms as f64
     }
 }

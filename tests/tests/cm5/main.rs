@@ -21,4 +21,5 @@ use protocol::cm5::{
     Answer, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Packet, Receiver, Report,
 };
 use protocol::dynamixel::Register;
-use tests::cm5::{Bench, Said, goal, limits, servos};
+use tests::Link::Silent;
+use tests::cm5::{Bench, PcHost, Said, goal, limits, servos};

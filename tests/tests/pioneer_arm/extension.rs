@@ -80,8 +80,7 @@ fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jum
     let mut host = Host::with_flash(Make::default(), flash.clone());
     host.open();
     assert_eq!((host.value(0), host.value(HOME), host.value(112)), (2000, 127, 0));
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     let mut watch = NoJump::new(&host);
     let ours = [(112, 2), (HOME, 100), (MIN, 50), (MAX, 200), (133, 90)];
     assert_eq!(host.set(&ours), (Verdict::Done, 0));
@@ -109,16 +108,14 @@ fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jum
     host.received();
     host.send(ArmCommand::Info);
     host.run_ms(20);
-    let packets = host.received();
-    let info = packets.iter().find(|packet| packet.id == ArmInfo::ID).unwrap();
+    let info = host.heard(ArmInfo::ID);
     let Some(ArmInfo::Arm { joints, .. }) = ArmInfo::parse(&info.packet()) else { panic!() };
     let joint = joints[0];
     assert_eq!((joint.home, joint.min, joint.max, joint.ticks_per_90), (100, 50, 200, 90));
     assert_eq!((joints[1].home, joints[1].max), (127, 255));
     // Good and initialised: ARIA's dialect.
     assert_eq!(host.status_bytes(), [0, 0b11, 100, 127, 127, 127, 127, 127]);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses()[0], Some((3375 - 27 * 2250 / 90) as u16));
 
     // Another board with the same flash; then the defaults again.
@@ -161,8 +158,7 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
             host.received();
             host.send_bytes(Packet { id, data }.encode(&mut [0; 20]).unwrap());
             host.run_ms(40);
-            let packets = host.received();
-            let told = packets.iter().find(|packet| packet.id == 101).unwrap();
+            let told = host.heard(101);
             let did = if id == 101 { 7 } else { id };
             let bad = Verdict::BadLength.code();
             assert_eq!(told.packet().data, [did, 0, bad, 0, 0], "{id} {data:02x?}");
@@ -197,8 +193,7 @@ fn health_comes_at_once_and_then_once_a_cycle_as_often_as_it_is_asked_for() {
     assert_eq!(count(&mut host, 1000), 0);
     host.send_bytes(&written(Request::Health(Repeat::Times(1.try_into().unwrap()))));
     host.run_ms(20);
-    let packets = host.received();
-    let told = packets.iter().find(|packet| packet.id == 98).unwrap();
+    let told = host.heard(98);
     let Some(Answer::Health(health)) = extension::parse_answer(&told.packet()) else { panic!() };
     let now = Instant::now().as_millis() as u32;
     assert!((now - 25..=now).contains(&health.uptime_ms), "{health:?} at {now}");
@@ -226,8 +221,7 @@ fn a_fault_is_told_with_its_values_and_can_be_cleared_but_the_arm_still_needs_in
     assert!(!host.arm().powered && host.arm().good && !host.arm().initialised);
     host.send(ArmCommand::Init);
     host.run_alive_ms(750);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses(), AT_HOME);
 }
 

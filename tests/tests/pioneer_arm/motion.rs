@@ -37,15 +37,13 @@ fn without_power_there_are_no_pulses_and_power_up_is_at_home() {
     let mut host = Host::opened();
     host.run_alive_ms(500);
     assert_eq!(host.pulses(), NO_PULSES);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!((host.pulses(), host.arm().positions), (AT_HOME, [127; 6]));
     // Off and on again where it stands: at home.
     host.send(ArmCommand::Power(false));
     host.run_ms(5);
     assert_eq!((host.pulses(), host.arm().powered), (NO_PULSES, false));
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses(), AT_HOME);
 }
 
@@ -281,11 +279,10 @@ fn an_idle_arm_parks_itself_after_ten_minutes_and_every_arm_command_starts_them_
     host.go(1, 147);
     host.run_alive_ms(300_000);
     host.send(ArmCommand::Status(StatusRequest::Once));
-    host.see(
-        Alive,
-        |host| (host.arm().powered, host.arm().homing),
-        [(599_900, (true, false)), (600_100, (true, true)), (600_600, (false, false))],
-    );
+    host.run_alive_ms(599_900);
+    assert_eq!(host.ticks(1), 147);
+    let seen = |host: &Host| (host.arm().powered, host.arm().homing);
+    host.see(Alive, seen, [(0, (true, false)), (200, (true, true)), (700, (false, false))]);
     assert_eq!(host.ticks(1), 127);
 }
 
@@ -296,8 +293,8 @@ fn an_arm_on_its_way_is_not_idle() {
     host.send(ArmCommand::AutoPark(2));
     host.go(1, 177);
     // 5 s on the way, 2 s at rest.
-    host.see(Alive, |host| host.arm().homing, [(6900, false), (7100, true)]);
-    assert_eq!(host.ticks(1), 177);
+    let seen = |host: &Host| (host.arm().homing, host.ticks(1) == 177);
+    host.see(Alive, seen, [(6900, (false, true)), (7100, (true, true))]);
 }
 
 #[test]

@@ -197,8 +197,7 @@ proptest! {
                     host.send(ArmCommand::Park);
                 }
                 Event::Open => {
-                    SYNC.iter().for_each(|sync| host.send_bare(sync.id));
-                    host.send_int(command::OPEN, 1);
+                    host.open_blindly();
                 }
             }
         }

@@ -125,10 +125,7 @@ fn garbage_between_the_syncs_is_skipped() {
 fn status_is_answered_within_100_ms_and_info_within_300_at_any_time_and_any_speed() {
     for line_rate in [9600, 115_200] {
         let mut host = Host::with(Make { line_rate, ..Make::default() });
-        for sync in SYNC {
-            host.send_bare(sync.id);
-        }
-        host.send_int(command::OPEN, 1);
+        host.open_blindly();
         host.run_alive_ms(500);
         for offset in (0..100).step_by(3) {
             host.run_alive_ms(400 + offset);
@@ -202,8 +199,7 @@ fn status_2_brings_an_armpac_before_every_standard_packet_until_it_is_stopped() 
 #[test]
 fn a_host_that_floods_the_line_with_questions_still_gets_every_kind_of_answer() {
     let mut host = Host::with(Make { line_rate: 9600, ..Make::default() });
-    SYNC.iter().for_each(|sync| host.send_bare(sync.id));
-    host.send_int(command::OPEN, 1);
+    host.open_blindly();
     host.run_ms(200);
     for questions in [
         &[ArmCommand::Status(StatusRequest::Once)][..],
@@ -235,8 +231,7 @@ fn info_tells_the_calibration_and_the_speeds_as_they_are() {
     host.speed(2, 40);
     host.send(ArmCommand::Info);
     host.run_ms(20);
-    let packets = host.received();
-    let info = packets.iter().find(|packet| packet.id == ArmInfo::ID).unwrap();
+    let info = host.heard(ArmInfo::ID);
     let version = concat!("Open arm ", env!("CARGO_PKG_VERSION"));
     // Table 3, with n = 2 + the version's length as the place of its NUL.
     let n = 2 + version.len();
