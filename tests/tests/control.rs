@@ -304,6 +304,8 @@ fn changes_of_method_sensor_and_polarity_do_not_bump_the_drive() {
             ]);
             bench.drive(Quantity::Pwm, 0, 16384 + (pwm - 1), 0);
             bench.run_alive_ms(500);
+            assert_eq!(bench.bridge(0), (pwm - 1, true));
+            let mut bumps = 0;
             for change in [
                 Parameter::Method(WHEEL, Method::Velocity),
                 Parameter::Method(WHEEL, Method::Position),
@@ -317,7 +319,9 @@ fn changes_of_method_sensor_and_polarity_do_not_bump_the_drive() {
                 let bump = largest_bump(&mut bench, 5);
                 // A whole crossing from full drive to full drive takes 64 periods of 512.
                 assert!(bump <= 600, "{pwm}, Kd {kd}, {change:?}: {bump} of 16384");
+                bumps += u32::from(bump > 0);
             }
+            assert!(bumps >= 3, "{pwm}, Kd {kd}: nothing is driven");
         }
     }
 }
@@ -347,6 +351,10 @@ fn the_same_script_gives_the_same_outputs_to_the_bit() {
         for _ in 0..1000 {
             bench.board.run_for(Duration::from_millis(1));
             outputs.push(bench.board.plant.borrow().outputs);
+        }
+        for motor in 0..3 {
+            let driven = outputs.iter().filter(|o| o.motors[motor].duty.raw() != 0).count();
+            assert!(driven > 500, "motor {motor}: {driven}");
         }
         outputs
     };

@@ -300,7 +300,8 @@ fn the_collision_protection_stops_driving_towards_an_obstacle_and_never_backing_
 
         bench.configure(&[Parameter::CollisionProtection(true)]);
         bench.run_alive_ms(500);
-        assert!(bench.velocity(0) < 10.0 && bench.velocity(1) < 10.0);
+        let stopped = [bench.velocity(0), bench.velocity(1)];
+        assert!(stopped.iter().all(|velocity| velocity.abs() < 10.0), "{stopped:?}");
         assert_eq!(bench.bridge(2).0, 3616, "a joint is no wheel");
         assert!(bench.board.snapshot().obstacle);
         bench

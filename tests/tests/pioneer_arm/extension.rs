@@ -327,7 +327,7 @@ fn outside_a_session_the_extension_is_silent_and_what_it_owes_is_forgotten() {
     host.received();
     host.open();
     host.run_alive_ms(500);
-    assert!(host.ids().iter().all(|&id| id == Standard::ID));
+    assert_eq!(host.ids(), [Standard::ID; 5]);
     assert_eq!(host.fault(0).total, 0, "it can be asked for again");
 }
 

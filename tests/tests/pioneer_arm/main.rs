@@ -43,6 +43,8 @@ struct NoJump {
     pulses: [Option<u16>; JOINTS],
     /// Where a fault has taken the power.
     lost_at: [Option<u16>; JOINTS],
+    /// How many steps it has seen.
+    steps: u32,
 }
 
 impl NoJump {
@@ -50,7 +52,7 @@ impl NoJump {
     const TICK: i32 = 17;
 
     fn new(host: &Host) -> Self {
-        Self { pulses: host.pulses(), lost_at: NO_PULSES }
+        Self { pulses: host.pulses(), lost_at: NO_PULSES, steps: 0 }
     }
 
     fn look(&mut self, host: &Host) {
@@ -69,6 +71,7 @@ impl NoJump {
             };
             if let (Some(before), Some(now)) = (before, now) {
                 let step = i32::from(now) - i32::from(before);
+                self.steps += u32::from(step != 0);
                 assert!(step.abs() <= Self::TICK, "joint {} jumps by {step}", joint + 1);
             }
             if let (None, Some(now)) | (Some(now), None) = (before, now) {

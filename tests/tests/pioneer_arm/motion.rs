@@ -73,6 +73,7 @@ fn no_joint_ever_jumps() {
         host.run_alive_with(1000, |host| watch.look(host));
     }
     assert!(host.link().limited >= 24, "a speed of 0 is 1");
+    assert!(watch.steps > 5000, "{} steps without a jump", watch.steps);
 }
 
 #[test]

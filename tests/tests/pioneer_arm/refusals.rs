@@ -54,7 +54,7 @@ fn commands_that_say_something_wrong_are_counted_and_change_nothing() {
         let what = format!("{number} with {argument:?}");
         assert_eq!((link.refused - before.refused, host.pulses()), (1, pulses), "{what}");
         assert_eq!((link.arm, link.ignored, link.limited), (before.arm, 0, 0), "{what}");
-        assert!(host.ids().iter().all(|&id| id == Standard::ID), "{what}");
+        assert_eq!(host.ids(), [Standard::ID; 5], "{what}");
     }
 }
 
