@@ -106,7 +106,7 @@ mod tests {
     fn impossible_jumps_saturate_and_are_forgotten() {
         let mut estimator = VelocityEstimator::new();
         for moved in [Counts::MAX, Counts::MIN, Counts::MAX, Counts::MAX, Counts::MIN] {
-            let last = (0..50).map(|_| estimator.update(moved)).last().unwrap();
+            let last = (0..500).map(|_| estimator.update(moved)).last().unwrap();
             let end = if moved > 0 { CountsPerSecond::MAX } else { CountsPerSecond::MIN };
             assert_eq!(last, end);
         }
