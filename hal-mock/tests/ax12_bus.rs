@@ -3,99 +3,45 @@
 //! truth behind it comes from the inspector.
 #![cfg(unix)]
 
-use std::io::{BufRead, BufReader, Write};
-use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+mod program;
 
+use std::time::Duration;
+
+use program::{Board, program};
 use rustypot::DynamixelProtocolHandler;
 use rustypot::servo::dynamixel::ax::AxController;
-use serde_json::{Value, json};
+use serde_json::json;
 use serialport::SerialPort;
 
-const PATIENCE: Duration = Duration::from_secs(20);
 /// How long the master waits for an answer: long, since these machines are slow at times.
 const TIMEOUT: Duration = Duration::from_millis(500);
 
-/// A running bus.
-struct Bus {
-    child: Child,
-    device: String,
-    inspect: String,
+fn bus(servos: &str) -> Board {
+    let board = Board::start(&["ax12-bus", "--servos", servos]);
+    assert_eq!(board.title, "AX-12 bus at your service:");
+    assert!(board.has("TCP") && !board.has("UDP"));
+    board
 }
 
-impl Bus {
-    fn start(options: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_virtual-board"))
-            .arg("ax12-bus")
-            .args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0", "--headless"])
-            .args(options)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut out = BufReader::new(child.stdout.take().unwrap());
-        let mut line = || {
-            let mut line = String::new();
-            out.read_line(&mut line).unwrap();
-            line.trim().to_owned()
-        };
-        assert_eq!(line(), "AX-12 bus at your service:");
-        let device = line().strip_prefix("serial device ").unwrap().to_owned();
-        assert!(line().starts_with("TCP "), "and no UDP");
-        let inspect = line().strip_prefix("inspect ").unwrap().to_owned();
-        Self { child, device, inspect }
-    }
-
-    fn port(&self) -> Box<dyn SerialPort> {
-        serialport::new(&self.device, 1_000_000).timeout(TIMEOUT).open().unwrap()
-    }
-
-    fn master(&self) -> AxController {
-        AxController::new().with_protocol_v1().with_serial_port(self.port())
-    }
-
-    fn ask(&self, question: Value) -> Value {
-        let mut stream = TcpStream::connect(&self.inspect).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream.write_all(format!("{question}\n").as_bytes()).unwrap();
-        let mut answer = String::new();
-        BufReader::new(stream).read_line(&mut answer).unwrap();
-        serde_json::from_str(&answer).unwrap()
-    }
-
-    /// The truth about the servo at this place.
-    fn servo(&self, index: usize) -> Value {
-        self.ask(json!({"get": "state"}))["servos"][index].clone()
-    }
-
-    /// Waits until the truth about a servo is what it should be.
-    fn until(&self, index: usize, what: impl Fn(&Value) -> bool) {
-        let start = Instant::now();
-        while !what(&self.servo(index)) {
-            assert!(start.elapsed() < PATIENCE, "it never came: {}", self.servo(index));
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    }
+fn port(board: &Board) -> Box<dyn SerialPort> {
+    serialport::new(board.place("serial"), 1_000_000).timeout(TIMEOUT).open().unwrap()
 }
 
-impl Drop for Bus {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+fn master(board: &Board) -> AxController {
+    AxController::new().with_protocol_v1().with_serial_port(port(board))
 }
 
 #[test]
 fn an_independent_master_finds_reads_and_writes_the_servos() {
-    let bus = Bus::start(&["--servos", "1-3,18"]);
-    let mut port = bus.port();
+    let bus = bus("1-3,18");
+    let mut port = port(&bus);
     let handler = DynamixelProtocolHandler::v1();
     for (id, is_there) in [(1, true), (2, true), (3, true), (18, true), (4, false), (0, false)] {
         assert_eq!(handler.ping(port.as_mut(), id).unwrap(), is_there, "servo {id}");
     }
     drop(port);
 
-    let mut master = bus.master();
+    let mut master = master(&bus);
     assert_eq!(master.read_model_number(18).unwrap(), [12]);
     assert_eq!(master.read_raw_present_position(18).unwrap(), [512]);
     assert_eq!(master.read_present_voltage(18).unwrap(), [120]);
@@ -103,36 +49,36 @@ fn an_independent_master_finds_reads_and_writes_the_servos() {
     master.write_moving_speed(18, 300).unwrap();
     master.write_raw_goal_position(18, 700).unwrap();
     assert_eq!(master.read_raw_goal_position(18).unwrap(), [700]);
-    bus.until(3, |servo| servo["position"] == 700.0);
+    bus.until(|state| state["servos"][3]["position"] == 700.0);
     assert_eq!(master.read_raw_present_position(18).unwrap(), [700]);
     assert_eq!(master.read_moving(18).unwrap(), [0]);
-    let truth = bus.servo(3);
+    let truth = &bus.state()["servos"][3];
     assert_eq!(
         (&truth["id"], &truth["speed"], &truth["torque"]),
         (&json!(18), &json!(300), &json!(true))
     );
     // Nobody else was meant.
-    assert_eq!(bus.servo(0)["goal"], 512);
+    assert_eq!(bus.state()["servos"][0]["goal"], 512);
 }
 
 #[test]
 fn an_independent_masters_sync_write_reaches_each_servo_with_its_own_value() {
-    let bus = Bus::start(&["--servos", "1-6"]);
-    let mut master = bus.master();
+    let bus = bus("1-6");
+    let mut master = master(&bus);
     let ids: Vec<u8> = (1..=6).collect();
     let goals: Vec<u16> = (1..=6).map(|k| 500 + 10 * k).collect();
     master.sync_write_torque_enable(&ids, &[1; 6]).unwrap();
     master.sync_write_raw_goal_position(&ids, &goals).unwrap();
     for (index, goal) in goals.iter().enumerate() {
-        bus.until(index, |servo| servo["position"] == f64::from(*goal));
+        bus.until(|state| state["servos"][index]["position"] == f64::from(*goal));
         assert_eq!(master.read_raw_present_position(ids[index]).unwrap(), [*goal]);
     }
 }
 
 #[test]
 fn an_independent_master_sees_refusals_and_a_pulled_plug() {
-    let bus = Bus::start(&["--servos", "1,2"]);
-    let mut port = bus.port();
+    let bus = bus("1,2");
+    let mut port = port(&bus);
     let handler = DynamixelProtocolHandler::v1();
     let (_, error) = handler.read_with_error(port.as_mut(), 1, 49, 2).unwrap();
     assert_eq!(error.byte(), 0x08, "a range error");
@@ -171,8 +117,7 @@ fn what_is_wrong_with_the_servos_is_named_in_one_line() {
         ),
         (&["pms5005", "--servos", "1"], "--servos: not for pms5005, only for cm5, ax12-bus"),
     ] {
-        let output =
-            Command::new(env!("CARGO_BIN_EXE_virtual-board")).args(options).output().unwrap();
+        let output = program(options).output().unwrap();
         assert_eq!(output.status.code(), Some(2));
         assert_eq!(String::from_utf8(output.stderr).unwrap(), format!("virtual-board: {said}\n"));
     }

@@ -3,70 +3,24 @@
 //! `tests/tests/pioneer_arm/`; here it is that things happen.
 #![cfg(unix)]
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
+mod program;
+
+use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use program::{Board, PATIENCE, program, refused};
 use protocol::arcos::{
     ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest, extension,
 };
 use protocol::pms5005::Data;
 use protocol::pms5005::extension::{Action, Assignments, Request, Verdict};
-use serde_json::{Value, json};
+use serde_json::json;
 
-const PATIENCE: Duration = Duration::from_secs(20);
-
-fn program() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_virtual-board"));
-    command.arg("pioneer-arm");
-    command
-}
-
-/// A running arm and where it listens.
-struct Board {
-    child: Child,
-    device: String,
-    tcp: String,
-    inspect: String,
-}
-
-impl Board {
-    fn start(options: &[&str]) -> Self {
-        let mut child = program()
-            .args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0", "--headless"])
-            .args(options)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut out = BufReader::new(child.stdout.take().unwrap());
-        let mut line = || {
-            let mut line = String::new();
-            out.read_line(&mut line).unwrap();
-            line.trim().to_owned()
-        };
-        assert_eq!(line(), "Pioneer Arm at your service:");
-        let place = |line: String, word| line.split_whitespace().nth(word).unwrap().to_owned();
-        let (device, tcp, inspect) = (place(line(), 2), place(line(), 1), place(line(), 1));
-        Self { child, device, tcp, inspect }
-    }
-
-    fn ask(&self, question: Value) -> Value {
-        let mut stream = TcpStream::connect(&self.inspect).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream.write_all(format!("{question}\n").as_bytes()).unwrap();
-        let mut answer = String::new();
-        BufReader::new(stream).read_line(&mut answer).unwrap();
-        serde_json::from_str(&answer).unwrap()
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+fn arm(options: &[&str]) -> Board {
+    let board = Board::start(&[&["pioneer-arm"], options].concat());
+    assert_eq!(board.title, "Pioneer Arm at your service:");
+    board
 }
 
 /// A host with an open session.
@@ -132,9 +86,7 @@ impl<S: Read + Write> Host<S> {
 }
 
 fn over_tcp(board: &Board) -> Host<TcpStream> {
-    let stream = TcpStream::connect(&board.tcp).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    Host::open(stream)
+    Host::open(board.tcp())
 }
 
 fn position(joint: u8, ticks: u8) -> ArmCommand {
@@ -143,9 +95,9 @@ fn position(joint: u8, ticks: u8) -> ArmCommand {
 
 #[test]
 fn a_host_moves_a_joint_and_the_inspector_sees_it() {
-    let board = Board::start(&[]);
+    let board = arm(&[]);
     let mut host = over_tcp(&board);
-    let state = board.ask(json!({"get": "state"}));
+    let state = board.state();
     assert_eq!(state["joints"].as_array().unwrap().len(), 6);
     assert_eq!(
         state["joints"][1],
@@ -157,7 +109,7 @@ fn a_host_moves_a_joint_and_the_inspector_sees_it() {
     host.send(position(2, 147));
     let status = host.until(|status| status[3] == 147 && status[1] == 0);
     assert_eq!(status, [0b11, 0, 127, 147, 127, 127, 127, 127]);
-    let state = board.ask(json!({"get": "state"}));
+    let state = board.state();
     let joint = &state["joints"][1];
     assert_eq!(
         (&joint["ticks"], &joint["moving"], &joint["powered"]),
@@ -168,7 +120,7 @@ fn a_host_moves_a_joint_and_the_inspector_sees_it() {
 
 #[test]
 fn the_arms_cable_can_be_cut_and_mended() {
-    let board = Board::start(&[]);
+    let board = arm(&[]);
     let mut host = over_tcp(&board);
     host.send(ArmCommand::Power(true));
     host.until(|status| status[0] == 0b11);
@@ -177,7 +129,7 @@ fn the_arms_cable_can_be_cut_and_mended() {
     host.send(ArmCommand::Info);
     let info = host.receive(ArmInfo::ID);
     assert_eq!(info, b"No arm\0\0");
-    assert_eq!(board.ask(json!({"get": "state"}))["faults"], json!(["no_arm"]));
+    assert_eq!(board.state()["faults"], json!(["no_arm"]));
 
     assert_eq!(board.ask(json!({"set": {"arm_link": true}})), json!({"ok": true}));
     host.send(ArmCommand::Init);
@@ -193,7 +145,7 @@ fn the_arms_cable_can_be_cut_and_mended() {
 
 #[test]
 fn a_low_servo_battery_stops_the_arm_until_it_is_good_again_and_init_has_come() {
-    let board = Board::start(&["--dialect", "aria"]);
+    let board = arm(&["--dialect", "aria"]);
     let mut host = over_tcp(&board);
     host.send(ArmCommand::Power(true));
     host.send(position(2, 147));
@@ -201,7 +153,7 @@ fn a_low_servo_battery_stops_the_arm_until_it_is_good_again_and_init_has_come() 
     board.ask(json!({"set": {"battery": [null, null, 1700]}}));
     // Neither good nor initialised nor powered; and the joint is where it was.
     host.until(|status| status[..4] == [0, 0, 127, 147]);
-    let state = board.ask(json!({"get": "state"}));
+    let state = board.state();
     assert_eq!(state["joints"][1]["powered"], json!(false));
     assert_eq!(state["faults"], json!(["needs_init", "servo_battery_low"]));
     host.send(ArmCommand::Power(true));
@@ -215,15 +167,14 @@ fn a_low_servo_battery_stops_the_arm_until_it_is_good_again_and_init_has_come() 
     host.send(ArmCommand::Power(true));
     host.send(position(2, 127));
     host.until(|status| status[..4] == [0, 0b0111, 127, 127]);
-    assert_eq!(board.ask(json!({"get": "state"}))["faults"], json!([]));
+    assert_eq!(board.state()["faults"], json!([]));
 }
 
 #[test]
 fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
     for (dialect, status) in [("aria", [0, 0b0111]), ("manual-b0", [0b11, 0])] {
-        let board = Board::start(&["--dialect", dialect, "--line-rate", "9600"]);
-        let device = File::options().read(true).write(true).open(&board.device).unwrap();
-        let mut host = Host::open(device);
+        let board = arm(&["--dialect", dialect, "--line-rate", "9600"]);
+        let mut host = Host::open(board.serial());
         host.send(ArmCommand::Power(true));
         host.until(|now| now[..2] == status);
     }
@@ -233,7 +184,7 @@ fn the_dialect_is_an_option_and_the_serial_device_carries_the_session_too() {
 fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_them() {
     let file = std::env::temp_dir().join(format!("arm-settings-{}", std::process::id()));
     let path = file.to_str().unwrap();
-    let board = Board::start(&["--settings", path]);
+    let board = arm(&["--settings", path]);
     let mut host = over_tcp(&board);
     let mut data = Data::new();
     // ARIA's dialect, joint 2's home.
@@ -250,7 +201,7 @@ fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_the
         (&["--settings", path][..], [0, 0b0011, 127, 90]),
         (&["--settings", path, "--dialect", "manual"], [0b10, 0, 127, 90]),
     ] {
-        let board = Board::start(options);
+        let board = arm(options);
         let mut host = over_tcp(&board);
         assert_eq!(host.until(|_| true)[..4], status);
         // A save keeps what was stored, whatever the command line says.
@@ -258,7 +209,7 @@ fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_the
         host.stream.write_all(extension::encode_request(&save, &mut [0; 40]).unwrap()).unwrap();
         assert_eq!(host.receive(101)[2], Verdict::Done.code());
     }
-    let board = Board::start(&["--settings", path]);
+    let board = arm(&["--settings", path]);
     assert_eq!(over_tcp(&board).until(|_| true)[..4], [0, 0b0011, 127, 90]);
     drop(board);
     std::fs::remove_file(file).unwrap();
@@ -270,13 +221,8 @@ fn options_that_are_not_the_arms_are_refused_in_one_line() {
         (&["--udp", "127.0.0.1:0"][..], "--udp: not for pioneer-arm"),
         (&["--dialect", "klingon"], "manual-b0"),
     ] {
-        let output = program().args(options).output().unwrap();
-        let error = String::from_utf8(output.stderr).unwrap();
-        assert_eq!((output.status.code(), error.lines().count()), (Some(2), 1), "{error}");
-        assert!(error.contains(names), "{error}");
+        refused(&program(&[&["pioneer-arm"], options].concat()).output().unwrap(), names);
     }
-    let mut pms5005 = Command::new(env!("CARGO_BIN_EXE_virtual-board"));
-    let output = pms5005.args(["--dialect", "aria"]).output().unwrap();
-    let error = String::from_utf8(output.stderr).unwrap();
-    assert!(error.contains("--dialect: not for pms5005, only for pioneer-arm"), "{error}");
+    let output = program(&["--dialect", "aria"]).output().unwrap();
+    refused(&output, "--dialect: not for pms5005, only for pioneer-arm");
 }

@@ -1,111 +1,30 @@
 //! The program as a user runs it: its links, its inspector, its options, its end.
-//!
-//! Every board here listens on ports of its own. Waits have generous limits, since these machines
-//! are slow at times; what is tested is that things happen, not how fast.
 #![cfg(unix)]
 
+mod program;
+
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
-use std::path::PathBuf;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
+use program::{Board, PATIENCE, program, refused};
 use protocol::pms5005::extension::{Action, Assignments, Request};
 use protocol::pms5005::{self as wire, Frame, Quantity, Receiver};
-use serde_json::{Value, json};
+use serde_json::json;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const FREE_PORTS: [&str; 4] = ["--tcp", "127.0.0.1:0", "--udp", "127.0.0.1:0"];
 
-fn program() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_virtual-board"));
-    command.args(["--tcp", "127.0.0.1:0", "--udp", "127.0.0.1:0"]);
-    command
+fn pms5005(options: &[&str]) -> Board {
+    let board = Board::start(&[&FREE_PORTS[2..], options].concat());
+    assert_eq!(board.title, "PMS5005 at your service:");
+    board
 }
 
-/// A running board and where it listens.
-struct Board {
-    child: Child,
-    out: BufReader<std::process::ChildStdout>,
-    device: PathBuf,
-    tcp: String,
-    udp: String,
-    inspect: String,
-}
-
-impl Board {
-    fn start(options: &[&str]) -> Self {
-        let mut child = program()
-            .args(["--inspect", "127.0.0.1:0", "--headless"])
-            .args(options)
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let out = BufReader::new(child.stdout.take().unwrap());
-        Self::listening(child, out)
-    }
-
-    /// Reads where a board that has just been started listens.
-    fn listening(child: Child, mut out: BufReader<std::process::ChildStdout>) -> Self {
-        let mut line = || {
-            let mut line = String::new();
-            out.read_line(&mut line).unwrap();
-            line.trim().to_owned()
-        };
-        assert!(line().contains("PMS5005"));
-        let device = line().split_whitespace().nth(2).unwrap().trim_end_matches(',').into();
-        let mut place = || line().split_whitespace().next_back().unwrap().to_owned();
-        let (tcp, udp, inspect) = (place(), place(), place());
-        Self { child, out, device, tcp, udp, inspect }
-    }
-
-    fn tcp(&self) -> TcpStream {
-        let stream = TcpStream::connect(&self.tcp).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream
-    }
-
-    fn ask(&self, question: Value) -> Value {
-        let mut stream = TcpStream::connect(&self.inspect).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream.write_all(format!("{question}\n").as_bytes()).unwrap();
-        let mut answer = String::new();
-        BufReader::new(stream).read_line(&mut answer).unwrap();
-        serde_json::from_str(&answer).unwrap()
-    }
-
-    fn state(&self) -> Value {
-        self.ask(json!({"get": "state"}))
-    }
-
-    /// Waits until the state shows something.
-    fn until(&self, what: impl Fn(&Value) -> bool) -> Value {
-        let start = Instant::now();
-        loop {
-            let state = self.state();
-            if what(&state) {
-                return state;
-            }
-            assert!(start.elapsed() < PATIENCE, "it never came: {state}");
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    }
-
-    /// Sends a signal, and answers the exit code and what was printed since.
-    fn signal(mut self, signal: i32) -> (Option<i32>, String) {
-        let pid = self.child.id().to_string();
-        Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
-        let mut text = String::new();
-        self.out.read_to_string(&mut text).unwrap();
-        (self.child.wait().unwrap().code(), text)
-    }
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// The program, on free ports, with no inspector.
+fn ends(options: &[&str]) -> std::process::Output {
+    program(&[&FREE_PORTS, options].concat()).output().unwrap()
 }
 
 fn encoded(command: wire::Command) -> Vec<u8> {
@@ -137,12 +56,12 @@ fn await_frame(stream: &mut impl Read, did: u8) -> Vec<u8> {
 
 #[test]
 fn all_three_links_carry_the_same_session() {
-    let board = Board::start(&[]);
+    let board = pms5005(&[]);
     let mut tcp = board.tcp();
-    let mut serial = File::options().read(true).write(true).open(&board.device).unwrap();
+    let mut serial = board.serial();
     let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
     udp.set_read_timeout(Some(PATIENCE)).unwrap();
-    udp.connect(&board.udp).unwrap();
+    udp.connect(board.place("UDP")).unwrap();
 
     tcp.write_all(&gpio(1)).unwrap();
     assert_eq!(await_frame(&mut tcp, 255), [1]);
@@ -163,7 +82,7 @@ fn all_three_links_carry_the_same_session() {
 
 #[test]
 fn frames_of_two_clients_that_come_in_pieces_do_not_mix() {
-    let board = Board::start(&[]);
+    let board = pms5005(&[]);
     let (mut one, mut two) = (board.tcp(), board.tcp());
     let (frame_one, frame_two) = (gpio(0x11), encoded(wire::Command::Ping));
     for _ in 0..20 {
@@ -179,18 +98,18 @@ fn frames_of_two_clients_that_come_in_pieces_do_not_mix() {
 
 #[test]
 fn a_client_that_vanishes_at_any_moment_does_not_stop_the_board() {
-    let board = Board::start(&[]);
+    let board = pms5005(&[]);
     let frame = gpio(0x55);
     for cut in 0..frame.len() {
         let mut stream = board.tcp();
         stream.write_all(&frame[..cut]).unwrap();
         drop(stream);
-        let mut serial = File::options().read(true).write(true).open(&board.device).unwrap();
+        let mut serial = board.serial();
         serial.write_all(&frame[..cut]).unwrap();
     }
     // One that never reads, for as long as it takes to fill its buffers a little.
     let _deaf = board.tcp();
-    let mut inspector = TcpStream::connect(&board.inspect).unwrap();
+    let mut inspector = TcpStream::connect(board.place("inspect")).unwrap();
     inspector.write_all(b"{\"get\":").unwrap();
     drop(inspector);
     let mut stream = board.tcp();
@@ -201,7 +120,7 @@ fn a_client_that_vanishes_at_any_moment_does_not_stop_the_board() {
 
 #[test]
 fn a_client_that_has_said_all_it_has_to_say_still_hears_the_answer() {
-    let board = Board::start(&[]);
+    let board = pms5005(&[]);
     let mut stream = board.tcp();
     stream.write_all(&gpio(0x77)).unwrap();
     stream.shutdown(std::net::Shutdown::Write).unwrap();
@@ -214,7 +133,7 @@ fn a_client_that_has_said_all_it_has_to_say_still_hears_the_answer() {
 
 #[test]
 fn a_client_that_floods_the_line_does_not_keep_the_others_from_it() {
-    let board = Board::start(&[]);
+    let board = pms5005(&[]);
     let mut flood = board.tcp();
     let mut reader = flood.try_clone().unwrap();
     let mut other = board.tcp();
@@ -253,15 +172,8 @@ fn a_client_that_floods_the_line_does_not_keep_the_others_from_it() {
 #[test]
 fn a_status_that_nobody_reads_does_not_hold_up_the_board() {
     // Nobody reads the log of refused frames either: it fills its pipe in no time.
-    let mut child = program()
-        .args(["--inspect", "127.0.0.1:0", "--headless"])
-        .env("RUST_LOG", "warn")
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let out = BufReader::new(child.stdout.take().unwrap());
-    let board = Board::listening(child, out);
+    let mut command = program(&FREE_PORTS[2..]);
+    let board = Board::spawn(command.env("RUST_LOG", "warn").stderr(Stdio::piped()));
     let mut stream = board.tcp();
     let unknown = Frame { rid: 1, res: 255, did: 31, data: &[] };
     let refused = unknown.encode(&mut [0; 16]).unwrap().repeat(3000);
@@ -274,21 +186,20 @@ fn a_status_that_nobody_reads_does_not_hold_up_the_board() {
 
 #[test]
 fn a_host_that_opens_the_serial_device_reads_no_old_news() {
-    let board = Board::start(&[]);
-    let open = || File::options().read(true).write(true).open(&board.device).unwrap();
-    let deaf = open();
+    let board = pms5005(&[]);
+    let deaf = board.serial();
     std::thread::sleep(Duration::from_millis(1500));
     drop(deaf);
     std::thread::sleep(Duration::from_millis(200));
     // A frame now says what is true now.
     board.ask(json!({"set": {"gpio_in": 170}}));
     std::thread::sleep(Duration::from_millis(200));
-    assert_eq!(await_frame(&mut open(), 124)[16], 170);
+    assert_eq!(await_frame(&mut board.serial(), 124)[16], 170);
 }
 
 #[test]
 fn the_inspector_overrides_sensors_and_gives_them_back() {
-    let board = Board::start(&["--seed", "3"]);
+    let board = pms5005(&["--seed", "3"]);
     let ok = json!({"ok": true});
     assert_eq!(
         board.ask(json!({"set": {
@@ -324,7 +235,7 @@ fn the_inspector_overrides_sensors_and_gives_them_back() {
 
 #[test]
 fn a_bad_question_is_answered_with_an_error_that_names_it_and_changes_nothing() {
-    let board = Board::start(&[]);
+    let board = pms5005(&[]);
     for (question, names) in [
         (json!({"set": {"pot": [1, 2]}}), "pot"),
         (json!({"set": {"gpio_in": 7, "temperature": 4096}}), "temperature"),
@@ -337,18 +248,14 @@ fn a_bad_question_is_answered_with_an_error_that_names_it_and_changes_nothing() 
         let answer = board.ask(question);
         assert!(answer["error"].as_str().is_some_and(|e| e.contains(names)), "{answer}");
     }
-    let mut stream = TcpStream::connect(&board.inspect).unwrap();
-    stream.write_all(b"no json\n").unwrap();
-    let mut answer = String::new();
-    BufReader::new(stream).read_line(&mut answer).unwrap();
-    assert!(answer.contains("error"));
+    assert!(board.ask_line("no json").contains("error"));
     let mut tcp = board.tcp();
     assert_eq!(await_frame(&mut tcp, 124)[16], 0, "gpio_in was not set");
 }
 
 #[test]
 fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
-    let board = Board::start(&["--line-rate", "0"]);
+    let board = pms5005(&["--line-rate", "0"]);
     let mut tcp = board.tcp();
     let velocity = |target| {
         encoded(wire::Command::Move(wire::Move {
@@ -389,7 +296,7 @@ fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
 fn the_serial_device_has_a_link_that_goes_with_the_board() {
     let link = std::env::temp_dir().join(format!("virtual-board-test-{}", std::process::id()));
     for signal in [1, 2, 3, 15] {
-        let board = Board::start(&["--pty", link.to_str().unwrap()]);
+        let board = pms5005(&["--pty", link.to_str().unwrap()]);
         let mut serial = File::options().read(true).write(true).open(&link).unwrap();
         serial.write_all(&gpio(9)).unwrap();
         board.until(|state| state["gpio_out"] == 9);
@@ -399,17 +306,17 @@ fn the_serial_device_has_a_link_that_goes_with_the_board() {
     }
     // What is not a board's own link is left alone; a dangling one is replaced.
     std::fs::write(&link, "somebody's file").unwrap();
-    let output = program().args(["--pty", link.to_str().unwrap()]).output().unwrap();
+    let output = ends(&["--pty", link.to_str().unwrap()]);
     refused(&output, link.to_str().unwrap());
     assert_eq!(std::fs::read_to_string(&link).unwrap(), "somebody's file");
     std::fs::remove_file(&link).unwrap();
-    let first = Board::start(&["--pty", link.to_str().unwrap()]);
-    let output = program().args(["--pty", link.to_str().unwrap()]).output().unwrap();
+    let first = pms5005(&["--pty", link.to_str().unwrap()]);
+    let output = ends(&["--pty", link.to_str().unwrap()]);
     refused(&output, link.to_str().unwrap());
-    assert_eq!(std::fs::read_link(&link).unwrap(), first.device);
+    assert_eq!(std::fs::read_link(&link).unwrap(), std::path::Path::new(first.place("serial")));
     drop(first); // killed: the link dangles
     assert!(link.is_symlink());
-    drop(Board::start(&["--pty", link.to_str().unwrap()]));
+    drop(pms5005(&["--pty", link.to_str().unwrap()]));
     std::fs::remove_file(&link).unwrap();
 }
 
@@ -421,7 +328,7 @@ fn request(request: Request) -> Vec<u8> {
 fn settings_in_a_file_are_there_at_the_next_start_and_after_a_reboot() {
     let file = std::env::temp_dir().join(format!("settings-{}", std::process::id()));
     let options = ["--settings", file.to_str().unwrap()];
-    let board = Board::start(&options);
+    let board = pms5005(&options);
     let mut stream = board.tcp();
     let mut data = wire::Data::new();
     Assignments::emit(1, 1234, &mut data).unwrap();
@@ -431,7 +338,7 @@ fn settings_in_a_file_are_there_at_the_next_start_and_after_a_reboot() {
     assert_eq!(await_frame(&mut stream, 101), [7, 0x82, 0, 0, 0]);
 
     // The file is in use; and the link outlives a reboot.
-    refused(&program().args(options).output().unwrap(), file.to_str().unwrap());
+    refused(&ends(&options), file.to_str().unwrap());
     stream.write_all(&request(Request::Do(Action::Reboot))).unwrap();
     assert_eq!(await_frame(&mut stream, 101), [7, 0x84, 0, 0, 0]);
     board.until(|state| state["link"]["frames_ok"] == 0);
@@ -439,30 +346,23 @@ fn settings_in_a_file_are_there_at_the_next_start_and_after_a_reboot() {
     assert_eq!(await_frame(&mut stream, 97)[4..], [3, 1], "software, stored");
     drop((stream, board)); // killed
 
-    let board = Board::start(&options);
+    let board = pms5005(&options);
     let mut stream = board.tcp();
     stream.write_all(&request(Request::Setting(1))).unwrap();
     assert_eq!(await_frame(&mut stream, 96)[4..8], 1234i32.to_le_bytes());
     drop(board);
     std::fs::write(&file, "no settings").unwrap();
-    refused(&program().args(options).output().unwrap(), "49152 bytes");
+    refused(&ends(&options), "49152 bytes");
     std::fs::remove_file(&file).unwrap();
 }
 
 #[test]
 fn it_ends_after_its_seconds_with_a_status_line_each() {
-    let output = program().args(["--seconds", "2.5", "--headless"]).output().unwrap();
+    let output = ends(&["--seconds", "2.5", "--headless"]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0));
     let lines = text.lines().filter(|line| line.starts_with("t=")).count();
     assert_eq!(lines, 2, "{text}");
-}
-
-fn refused(output: &Output, names: &str) {
-    let error = String::from_utf8(output.stderr.clone()).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{error}");
-    assert!(error.lines().count() == 1 && error.contains(names), "{names}: {error}");
-    assert!(output.stdout.is_empty());
 }
 
 #[test]
@@ -480,24 +380,18 @@ fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
         (&["--settings", "/no/such/file"], "/no/such/file"),
         (&["--pty"], "--pty"),
     ] {
-        refused(&program().args(options).output().unwrap(), names);
+        refused(&ends(options), names);
     }
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
-    let output = Command::new(env!("CARGO_BIN_EXE_virtual-board"))
-        .args(["--udp", "127.0.0.1:0", "--tcp", &address])
-        .output()
-        .unwrap();
+    let output = program(&["--udp", "127.0.0.1:0", "--tcp", &address]).output().unwrap();
     refused(&output, &address);
     refused(&output, "port 0 takes a free one");
-    let output = Command::new(env!("CARGO_BIN_EXE_virtual-board"))
-        .args(["--tcp", "nowhere"])
-        .output()
-        .unwrap();
+    let output = program(&["--tcp", "nowhere"]).output().unwrap();
     refused(&output, "as 127.0.0.1:5005");
 
     let scene = std::env::temp_dir().join(format!("scene-{}.toml", std::process::id()));
     std::fs::write(&scene, "[motor.0]\ngearbox = 3").unwrap();
-    refused(&program().arg("--scene").arg(&scene).output().unwrap(), "gearbox");
+    refused(&ends(&["--scene", scene.to_str().unwrap()]), "gearbox");
     std::fs::remove_file(&scene).unwrap();
 }

@@ -1,15 +1,17 @@
 //! The extension on the wire: byte by byte against Tables E.1 and E.2 of `protocol`'s
 //! documentation, and what a board does about each request.
 
-use hal_mock::board::{Make, VirtualBoard};
+use hal_mock::board::Make;
 use hal_mock::flash::{Flash, SIZE};
 use protocol::pms5005::extension::{
     Action, Answer, Assignments, Counters, Description, Fault, FaultRecord, Health, Identity,
     Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
 };
 use protocol::pms5005::{
-    Channel, Command, Data, EncodeError, Frame, Quantity, Repeat, Reports, Scope, did,
+    Channel, Command, EncodeError, Frame, Quantity, Repeat, Reports, Scope, did,
 };
+use tests::Link::Silent;
+use tests::extension::assign;
 use tests::{Bench, Received};
 
 /// DID and DATA of a request, as they stand in the frame.
@@ -29,75 +31,6 @@ fn told(answer: Answer) -> (u8, Vec<u8>) {
     assert_eq!((frame.rid, frame.res), (0, 255));
     assert_eq!(Answer::parse(frame.did, frame.data), Some(answer));
     (frame.did, frame.data.to_vec())
-}
-
-fn assign(assignments: &[(u16, i32)]) -> Data {
-    let mut data = Data::new();
-    assignments.iter().for_each(|&(n, value)| Assignments::emit(n, value, &mut data).unwrap());
-    data
-}
-
-/// Sends a request and yields the one answer to it; the frame itself must be acknowledged.
-fn ask_raw(bench: &mut Bench, asked: u8, data: &[u8]) -> Received {
-    bench.received();
-    bench.send_raw(asked, data);
-    bench.run_ms(40);
-    let (acks, mut answers): (Vec<_>, Vec<_>) = bench
-        .received()
-        .into_iter()
-        .filter(|frame| frame.did != did::SETUP || frame.is_ack()) // no pings
-        .partition(Received::is_ack);
-    assert_eq!((acks.len(), answers.len()), (1, 1), "{asked} {data:?}: {answers:?}");
-    answers.remove(0)
-}
-
-fn outcome(bench: &mut Bench, did: u8, data: &[u8]) -> (Verdict, u16) {
-    let frame = ask_raw(bench, did, data);
-    match Answer::parse(frame.did, &frame.data) {
-        Some(Answer::Outcome(outcome)) => {
-            assert_eq!((outcome.did, outcome.first), (did, data.first().copied().unwrap_or(0)));
-            (outcome.verdict, outcome.setting)
-        }
-        other => panic!("{other:?}"),
-    }
-}
-
-fn act(bench: &mut Bench, action: Action) -> Verdict {
-    outcome(bench, did::PARAMETERS, &[action.number()]).0
-}
-
-fn set(bench: &mut Bench, assignments: &[(u16, i32)]) -> (Verdict, u16) {
-    outcome(bench, did::PARAMETERS, &assign(assignments))
-}
-
-fn value(bench: &mut Bench, number: u16) -> i32 {
-    let frame = ask_raw(bench, 96, &number.to_le_bytes());
-    match Answer::parse(frame.did, &frame.data) {
-        Some(Answer::Setting(setting)) => setting.value,
-        other => panic!("{other:?}"),
-    }
-}
-
-fn identity(bench: &mut Bench) -> Identity {
-    let frame = ask_raw(bench, 97, &[]);
-    match Answer::parse(frame.did, &frame.data) {
-        Some(Answer::Identity(identity)) => identity,
-        other => panic!("{other:?}"),
-    }
-}
-
-/// A board that keeps its telemetry to itself, with this flash.
-fn with_flash(flash: &Flash) -> Bench {
-    let mut bench = Bench::with(Make::default());
-    bench.board = VirtualBoard::with_flash(Make::default(), flash.clone());
-    hush(&mut bench);
-    bench
-}
-
-fn hush(bench: &mut Bench) {
-    bench.send(Command::Telemetry { reports: Reports::All, repeat: Repeat::Stop });
-    bench.run_ms(20);
-    bench.received();
 }
 
 #[test]
@@ -203,12 +136,14 @@ fn a_host_without_the_extension_sees_an_original() {
     bench.run_ms(1020);
     let frames = bench.received();
     assert!(frames.iter().all(|frame| [123, 124, 125].contains(&frame.did)), "{frames:?}");
+    assert_eq!(frames.len(), 60);
     // A bad frame of the manual's has no other answer than the acknowledgement.
     let mut bench = Bench::quiet();
     bench.send_raw(did::PARAMETERS, &[0x06, 0, 2]);
     bench.send_raw(31, &[1, 2]);
     bench.run_ms(40);
-    assert!(bench.received().iter().all(Received::is_ack));
+    let frames = bench.received();
+    assert!(frames.len() == 2 && frames.iter().all(Received::is_ack), "{frames:?}");
 }
 
 #[test]
@@ -235,19 +170,19 @@ fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
     ];
     for &(did, data, verdict, setting) in bad {
         let before = bench.board.link();
-        assert_eq!(outcome(&mut bench, did, data), (verdict, setting), "{did} {data:?}");
+        assert_eq!(bench.outcome(did, data), (verdict, setting), "{did} {data:?}");
         let after = bench.board.link();
         let counted = after.refused + after.unknown - before.refused - before.unknown;
         assert_eq!(counted, 1, "{did} {data:?}");
     }
-    assert_eq!((value(&mut bench, 32), value(&mut bench, 16)), (50, 30));
+    assert_eq!((bench.value(32), bench.value(16)), (50, 30));
 }
 
 #[test]
 fn all_settings_of_a_request_are_set_in_one_period_and_read_back() {
     let mut bench = Bench::quiet();
-    assert_eq!(set(&mut bench, &[(16, 100), (17, 120), (32, 20)]), (Verdict::Done, 0));
-    let read = [16, 17, 32].map(|number| value(&mut bench, number));
+    assert_eq!(bench.set(&[(16, 100), (17, 120), (32, 20)]), (Verdict::Done, 0));
+    let read = [16, 17, 32].map(|number| bench.value(number));
     assert_eq!(read, [100, 120, 20]);
     // The session's is in force...
     bench.send(Command::Telemetry { reports: Reports::Motors, repeat: Repeat::Continuous });
@@ -259,8 +194,8 @@ fn all_settings_of_a_request_are_set_in_one_period_and_read_back() {
     bench.send_raw(did::PARAMETERS, &[0x13, 1]);
     bench.run_ms(100);
     assert!(bench.board.snapshot().obstacle);
-    hush(&mut bench);
-    assert_eq!(set(&mut bench, &[(16, 30), (17, 35)]), (Verdict::Done, 0));
+    bench.hush();
+    assert_eq!(bench.set(&[(16, 30), (17, 35)]), (Verdict::Done, 0));
     bench.run_ms(50);
     assert!(!bench.board.snapshot().obstacle);
 }
@@ -268,10 +203,10 @@ fn all_settings_of_a_request_are_set_in_one_period_and_read_back() {
 #[test]
 fn a_shorter_telemetry_period_does_not_wait_for_the_end_of_a_longer_one() {
     let mut bench = Bench::quiet();
-    set(&mut bench, &[(32, 60_000)]);
+    bench.set(&[(32, 60_000)]);
     bench.send(Command::Telemetry { reports: Reports::Motors, repeat: Repeat::Continuous });
     bench.run_ms(100);
-    set(&mut bench, &[(32, 100)]);
+    bench.set(&[(32, 100)]);
     bench.received();
     bench.run_ms(1000);
     let count = bench.received().iter().filter(|frame| frame.report().is_some()).count();
@@ -281,37 +216,34 @@ fn a_shorter_telemetry_period_does_not_wait_for_the_end_of_a_longer_one() {
 #[test]
 fn the_link_timeout_is_in_force_at_once() {
     let mut bench = Bench::quiet();
-    assert_eq!(set(&mut bench, &[(1, 300)]).0, Verdict::Done);
+    assert_eq!(bench.set(&[(1, 300)]).0, Verdict::Done);
     bench.drive(Quantity::Pwm, 0, 20_000, 0);
-    bench.run_ms(250);
-    assert_eq!(bench.bridge(0), (3616, true));
-    bench.run_ms(250);
-    assert_eq!(bench.bridge(0), (0, false));
+    bench.see(Silent, |bench| bench.bridge(0), [(250, (3616, true)), (500, (0, false))]);
 }
 
 #[test]
 fn what_is_saved_survives_a_reboot_and_what_is_not_does_not() {
     let flash = Flash::empty();
-    let mut bench = with_flash(&flash);
-    assert_eq!(identity(&mut bench).settings, Origin::Defaults);
-    set(&mut bench, &[(32, 20)]);
-    assert_eq!(act(&mut bench, Action::Save), Verdict::Done);
-    set(&mut bench, &[(32, 30)]);
-    assert_eq!(act(&mut bench, Action::Reboot), Verdict::Done);
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(bench.identity().settings, Origin::Defaults);
+    bench.set(&[(32, 20)]);
+    assert_eq!(bench.act(Action::Save), Verdict::Done);
+    bench.set(&[(32, 30)]);
+    assert_eq!(bench.act(Action::Reboot), Verdict::Done);
     bench.run_ms(150);
-    hush(&mut bench);
-    let here = identity(&mut bench);
+    bench.hush();
+    let here = bench.identity();
     assert_eq!((here.reset, here.settings), (ResetCause::Software, Origin::Stored));
-    assert_eq!(value(&mut bench, 32), 20);
+    assert_eq!(bench.value(32), 20);
 
     // Another board with the same flash; then the defaults again, at once and for good.
-    let mut bench = with_flash(&flash);
-    assert_eq!(identity(&mut bench).reset, ResetCause::Power);
-    assert_eq!(value(&mut bench, 32), 20);
-    assert_eq!(act(&mut bench, Action::FactoryReset), Verdict::Done);
-    assert_eq!(value(&mut bench, 32), 50);
-    let mut bench = with_flash(&flash);
-    assert_eq!(value(&mut bench, 32), 50);
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(bench.identity().reset, ResetCause::Power);
+    assert_eq!(bench.value(32), 20);
+    assert_eq!(bench.act(Action::FactoryReset), Verdict::Done);
+    assert_eq!(bench.value(32), 50);
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(bench.value(32), 50);
 }
 
 #[test]
@@ -324,29 +256,29 @@ fn settings_set_while_a_factory_reset_is_pending_are_refused_and_not_lost() {
         bench.received().into_iter().filter(|frame| frame.did == 101).map(|f| f.data).collect();
     let busy = Verdict::Busy.code();
     assert_eq!(told, [[7, 0x80, busy, 0, 0], [7, 0x83, Verdict::Done.code(), 0, 0]]);
-    assert_eq!((value(&mut bench, 32), bench.board.link().refused), (50, 1));
-    assert_eq!(set(&mut bench, &[(32, 77)]), (Verdict::Done, 0));
-    assert_eq!(value(&mut bench, 32), 77);
+    assert_eq!((bench.value(32), bench.board.link().refused), (50, 1));
+    assert_eq!(bench.set(&[(32, 77)]), (Verdict::Done, 0));
+    assert_eq!(bench.value(32), 77);
 }
 
 #[test]
 fn a_board_that_drives_anything_is_not_saved_reset_or_rebooted() {
     let flash = Flash::empty();
-    let mut bench = with_flash(&flash);
+    let mut bench = Bench::with_flash(&flash);
     let upkeep = [Action::Save, Action::FactoryReset, Action::Reboot, Action::RebootIntoDfu];
     for quantity in [Quantity::Pwm, Quantity::Servo] {
-        set(&mut bench, &[(32, 20)]);
+        bench.set(&[(32, 20)]);
         bench.drive(quantity, 2, 2000, 0);
         bench.run_ms(10);
         for action in upkeep {
-            assert_eq!(act(&mut bench, action), Verdict::OutputsOn, "{action:?} {quantity:?}");
+            assert_eq!(bench.act(action), Verdict::OutputsOn, "{action:?} {quantity:?}");
         }
         bench.send(Command::Run { scope: Scope::All, run: false });
         bench.run_ms(10);
     }
-    assert_eq!(value(&mut bench, 32), 20);
+    assert_eq!(bench.value(32), 20);
     assert_eq!(flash.image(), Flash::empty().image());
-    assert_eq!(act(&mut bench, Action::Save), Verdict::Done);
+    assert_eq!(bench.act(Action::Save), Verdict::Done);
     assert_ne!(flash.image(), Flash::empty().image());
 }
 
@@ -376,30 +308,29 @@ fn a_suspension_right_before_a_save_is_carried_out_before_it() {
 
 #[test]
 fn the_roms_loader_is_not_available_here() {
-    assert_eq!(act(&mut Bench::quiet(), Action::RebootIntoDfu), Verdict::NotAvailable);
+    assert_eq!(Bench::quiet().act(Action::RebootIntoDfu), Verdict::NotAvailable);
 }
 
 #[test]
 fn a_flash_without_power_is_told_and_the_old_settings_stay() {
     let flash = Flash::empty();
-    let mut bench = with_flash(&flash);
-    set(&mut bench, &[(32, 20)]);
-    act(&mut bench, Action::Save);
-    set(&mut bench, &[(32, 30)]);
+    let mut bench = Bench::with_flash(&flash);
+    bench.set(&[(32, 20)]);
+    bench.act(Action::Save);
+    bench.set(&[(32, 30)]);
     flash.lose_power_after(40, false);
-    assert_eq!(act(&mut bench, Action::Save), Verdict::FlashFailed);
+    assert_eq!(bench.act(Action::Save), Verdict::FlashFailed);
     flash.restore_power();
-    assert_eq!(value(&mut with_flash(&flash), 32), 20);
+    assert_eq!(Bench::with_flash(&flash).value(32), 20);
 }
 
 #[test]
 fn damaged_settings_are_a_fault_until_it_is_cleared() {
-    let mut bench = with_flash(&Flash::with(&[0x55; SIZE]));
-    assert_eq!(identity(&mut bench).settings, Origin::Corrupt);
-    let frame = ask_raw(&mut bench, 100, &[0]);
-    assert_eq!(frame.data, [0, 1, 25, 255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(act(&mut bench, Action::ClearFaults), Verdict::Done);
-    assert_eq!(ask_raw(&mut bench, 100, &[0]).data, [0, 0]);
+    let mut bench = Bench::with_flash(&Flash::with(&[0x55; SIZE]));
+    assert_eq!(bench.identity().settings, Origin::Corrupt);
+    assert_eq!(bench.ask_raw(100, &[0]).1, [0, 1, 25, 255, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(bench.act(Action::ClearFaults), Verdict::Done);
+    assert_eq!(bench.ask_raw(100, &[0]).1, [0, 0]);
 }
 
 #[test]
@@ -407,9 +338,9 @@ fn a_start_by_the_watchdog_is_a_fault() {
     let mut bench = Bench::quiet();
     bench.board.start_again(ResetCause::Watchdog);
     bench.run_ms(20);
-    hush(&mut bench);
-    assert_eq!(identity(&mut bench).reset, ResetCause::Watchdog);
-    assert_eq!(ask_raw(&mut bench, 100, &[0]).data[..4], [0, 1, 26, 255]);
+    bench.hush();
+    assert_eq!(bench.identity().reset, ResetCause::Watchdog);
+    assert_eq!(bench.ask_raw(100, &[0]).1[..4], [0, 1, 26, 255]);
 }
 
 #[test]
@@ -455,8 +386,8 @@ fn counters_are_what_the_board_has_counted() {
     bench.send_raw(31, &[]);
     bench.send_raw(did::PWM, &[9, 0, 0]);
     bench.run_ms(20);
-    let frame = ask_raw(&mut bench, 99, &[]);
-    let Some(Answer::Counters(counters)) = Answer::parse(frame.did, &frame.data) else { panic!() };
+    let (did, data) = bench.ask_raw(99, &[]);
+    let Some(Answer::Counters(counters)) = Answer::parse(did, &data) else { panic!() };
     let link = bench.board.link();
     assert_eq!((counters.unknown, counters.refused, counters.frames_ok), (1, 1, link.frames_ok));
     assert_eq!((counters.telemetry_sent, counters.answers_sent), (link.telemetry_sent, 1));

@@ -17,7 +17,7 @@ use firmware::settings::{Settings, SoftLimits};
 use hal_mock::plant::{Overrides, Plant, Scene};
 use protocol::pms5005::extension::{Action, Fault, Request as Extension};
 use protocol::pms5005::{
-    self as wire, Addressing, CHANNELS, Channel, Data, Frame, Gain, Loop, Method, Move, Parameter,
+    self as wire, Addressing, CHANNELS, Channel, Data, Gain, Loop, Method, Move, Parameter,
     Parameters, Polarity, Quantity, Repeat, Reports, Scope, Sensor,
 };
 
@@ -162,6 +162,10 @@ struct Model {
     /// Periods since each DC channel was latched off; since a frame came.
     latched: [u32; CHANNELS],
     silence: u32,
+    /// Periods in which a wheel could have driven towards an obstacle, and the limited channel
+    /// farther beyond its limit.
+    obstacles: u32,
+    beyond: u32,
 }
 
 impl Model {
@@ -231,11 +235,14 @@ impl Model {
                 self.servos[i] = false;
             }
             let upwards = if self.reversed[i] { -duty } else { duty };
+            self.obstacles += u32::from(now.obstacle && i <= 1 && self.motors[i]);
             assert!(!now.obstacle || i > 1 || upwards <= 0, "towards an obstacle: {}", at());
             if channel == LIMITED {
                 let position = now.motion.potentiometers[i] as i16;
                 let is_within =
                     (position < SOFT.high || upwards <= 0) && (position > SOFT.low || upwards >= 0);
+                self.beyond +=
+                    u32::from(motor.enabled && !(SOFT.low..SOFT.high).contains(&position));
                 assert!(is_within, "beyond its soft limit {position}: {}", at());
             }
         }
@@ -256,6 +263,7 @@ fn chaos(seed: u64) -> [u32; 32] {
     let mut model = Model::default();
     let mut snapshot = Snapshot::BOOT;
     let (mut buffer, mut out) = ([0; 264], [0; MAX_FRAME]);
+    let mut host = wire::Receiver::new();
     let (mut silent, mut late) = (false, 0);
     let (mut damaged, mut sent, mut heard) = (0, 0, false);
     let mut tripped = [0; 32];
@@ -337,7 +345,8 @@ fn chaos(seed: u64) -> [u32; 32] {
         if period % 5 == 0
             && let Some(frame) = session.transmit(now, || snapshot, &mut out)
         {
-            assert!(Frame::parse(frame).is_some(), "what is sent is intact");
+            let mut whole = &*frame;
+            assert_eq!(host.receive(&mut whole), Some(frame), "what is sent is intact");
             sent += 1;
         }
     }
@@ -345,5 +354,7 @@ fn chaos(seed: u64) -> [u32; 32] {
     let commands = session.signs_of_life();
     println!("seed {seed}: {commands} frames, {damaged} damaged, {refused} refused, {sent} sent");
     assert!(refused > 1000 && commands > 300_000 && damaged > 30_000 && sent > 100_000);
+    println!("{} periods before an obstacle, {} beyond a limit", model.obstacles, model.beyond);
+    assert!(model.obstacles > 10_000 && model.beyond > 10_000);
     tripped
 }

@@ -9,16 +9,16 @@ use protocol::pms5005::{
     Scope, Sensor, did,
 };
 use tests::Bench;
+use tests::Link::Silent;
 
 #[test]
 fn at_boot_nothing_is_driven() {
     let mut bench = Bench::new();
-    for _ in 0..1000 {
-        bench.run_ms(1);
+    bench.run_with(Silent, 1000, |bench| {
         for i in 0..6 {
             assert_eq!((bench.bridge(i), bench.pulse(i)), ((0, false), None));
         }
-    }
+    });
     // A resume does not enable what was never commanded.
     bench.send(Command::Run { scope: Scope::All, run: true });
     bench.run_ms(100);
@@ -63,9 +63,7 @@ fn a_silent_host_stops_pwm_and_velocity_within_100_ms_and_servos_where_they_are(
 #[test]
 fn the_stop_is_a_ramp_that_is_neither_a_jerk_nor_late() {
     let mut bench = everything_moving();
-    while bench.bridge(0).0 == 8000 {
-        bench.run_ms(1);
-    }
+    bench.until(Silent, 2100, |bench| bench.bridge(0).0 != 8000);
     let mut duties = vec![bench.bridge(0).0];
     while bench.bridge(0).1 {
         bench.run_ms(1);
@@ -122,9 +120,7 @@ fn a_silent_host_breaks_off_a_move_that_had_no_time_too() {
     let mut bench = Bench::with(Make { settings, ..Make::default() });
     position_by_encoder(&mut bench);
     bench.drive(Quantity::Position, 0, 16_000, 0);
-    while !bench.board.snapshot().link_loss {
-        bench.run_ms(1);
-    }
+    bench.until(Silent, 2100, |bench| bench.board.snapshot().link_loss);
     // It is at full speed then, and needs some way to stop.
     let at = bench.position(0);
     bench.run_ms(3000);
@@ -160,16 +156,13 @@ fn parameters_that_arrive_during_the_stop_switch_the_bridge_off() {
         let mut bench = Bench::new();
         bench.drive(Quantity::Velocity, 0, 5000, 0);
         bench.run_alive_ms(1000);
-        while !bench.board.snapshot().link_loss {
-            bench.run_ms(1);
-        }
+        bench.until(Silent, 2100, |bench| bench.board.snapshot().link_loss);
         bench.run_ms(10);
         bench.configure(&[parameter]);
         bench.run_ms(3);
-        for _ in 0..200 {
+        bench.run_with(Silent, 200, |bench| {
             assert_eq!(bench.bridge(0), (0, false), "{parameter:?}");
-            bench.run_ms(1);
-        }
+        });
     }
 }
 
@@ -244,9 +237,7 @@ fn an_obstacle_that_goes_away_does_not_let_a_wound_up_wheel_loose() {
 #[test]
 fn a_motion_command_takes_over_in_the_middle_of_the_stop() {
     let mut bench = everything_moving();
-    while bench.bridge(0).0 == 8000 {
-        bench.run_ms(1);
-    }
+    bench.until(Silent, 2100, |bench| bench.bridge(0).0 != 8000);
     bench.run_ms(20);
     bench.drive(Quantity::Pwm, 0, 16384 + 2000, 0);
     bench.run_ms(200);
@@ -375,13 +366,10 @@ fn the_silence_allowed_is_a_setting_and_0_allows_any() {
         let mut bench = Bench::with(Make { settings, ..Make::default() });
         bench.drive(Quantity::Pwm, 0, 20_000, 0);
         bench.run_ms(5);
-        let stopped = (5..60_000).find(|_| {
-            bench.run_ms(1);
-            bench.bridge(0).0 < 3616
-        });
+        let stopped = bench.until_or(Silent, 60_000, |bench| bench.bridge(0).0 < 3616);
         match stops_at {
             None => assert_eq!(stopped, None),
-            Some(ms) => assert!(stopped.is_some_and(|at| (ms - 5..=ms + 5).contains(&at))),
+            Some(ms) => assert!(stopped.is_some_and(|at| (ms - 5..=ms + 5).contains(&(at + 4)))),
         }
     }
 }
@@ -405,7 +393,8 @@ fn the_collision_protection_stops_driving_towards_an_obstacle_and_never_backing_
 
         bench.configure(&[Parameter::CollisionProtection(true)]);
         bench.run_alive_ms(500);
-        assert!(bench.velocity(0) < 10.0 && bench.velocity(1) < 10.0);
+        let stopped = [bench.velocity(0), bench.velocity(1)];
+        assert!(stopped.iter().all(|velocity| velocity.abs() < 10.0), "{stopped:?}");
         assert_eq!(bench.bridge(2).0, 3616, "a joint is no wheel");
         assert!(bench.board.snapshot().obstacle);
         bench

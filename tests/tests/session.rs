@@ -95,8 +95,10 @@ fn without_telemetry_a_ping_comes_at_least_once_a_second() {
 #[test]
 fn with_telemetry_no_ping_is_needed() {
     let mut bench = Bench::new();
-    bench.run_ms(5000);
-    assert!(bench.received().iter().all(|frame| frame.did != did::SETUP));
+    bench.run_ms(5020);
+    let frames = bench.received();
+    assert_eq!(frames.len(), 300, "three every 50 ms");
+    assert!(frames.iter().all(|frame| frame.did != did::SETUP));
 }
 
 #[test]
@@ -161,6 +163,7 @@ fn every_command_on_a_saturated_line_is_acknowledged_in_order_for_an_hour() {
     // DID 28 with one servo is 12 bytes: 960 a second. Positions count up, so that a command that
     // is lost, doubled or out of order shows in the pulse.
     let position = |n: u64| 1000 + (n % 5000) as i16;
+    let mut looked = 0;
     for _ in 0..seconds * 100 {
         while bench.board.line.backlog() < 240 {
             bench.drive(Quantity::Servo, 0, position(sent), 0);
@@ -180,8 +183,10 @@ fn every_command_on_a_saturated_line_is_acknowledged_in_order_for_an_hour() {
             // Carried out so far: between what is acknowledged and what has been sent.
             let pulse = bench.pulse(0).unwrap();
             assert!((acks..=sent).any(|n| n > 0 && pulse == position(n - 1) as u16));
+            looked += 1;
         }
     }
+    assert!(looked > 100, "{looked} looks at what was carried out");
     // What is still on its way.
     bench.run_ms(200);
     let late = bench.received();

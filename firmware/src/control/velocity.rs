@@ -103,12 +103,14 @@ mod tests {
     }
 
     #[test]
-    fn impossible_jumps_saturate() {
+    fn impossible_jumps_saturate_and_are_forgotten() {
         let mut estimator = VelocityEstimator::new();
         for moved in [Counts::MAX, Counts::MIN, Counts::MAX, Counts::MAX, Counts::MIN] {
-            for _ in 0..50 {
-                estimator.update(moved);
-            }
+            let last = (0..500).map(|_| estimator.update(moved)).last().unwrap();
+            let end = if moved > 0 { CountsPerSecond::MAX } else { CountsPerSecond::MIN };
+            assert_eq!(last, end);
         }
+        let last = (0..500).map(|_| estimator.update(Counts::ZERO)).last().unwrap();
+        assert!(last.abs() < 1, "{last}");
     }
 }

@@ -62,5 +62,9 @@ mod tests {
         let mut guard = CollisionGuard { enabled: true, ..Default::default() };
         let behind = Sensors { sonar_cm: [255, 255, 255, 5, 5, 5], ..Sensors::UNKNOWN };
         assert!(!guard.step(&behind, &settings));
+        assert!(
+            guard.step(&behind, &Settings::DEFAULT.control.collision),
+            "where all look forward"
+        );
     }
 }

@@ -123,14 +123,18 @@ mod tests {
     #[test]
     fn every_default_is_the_documented_one_and_in_range() {
         Settings::DEFAULT.check().unwrap();
+        let mut checked = 0;
+        assert_eq!(TABLE.len(), DOCUMENTED.len());
         for (row, documented) in TABLE.iter().zip(DOCUMENTED) {
             assert!(row.name.is_ascii() && row.name.len() <= Description::LONGEST_NAME);
             for n in 0..row.count() {
                 let default = row.get(&Settings::DEFAULT, n);
                 assert_eq!(default, *documented, "{}", row.name);
                 assert!((row.range.0..=row.range.1).contains(&default), "{}", row.name);
+                checked += 1;
             }
         }
+        assert_eq!(checked, COUNT);
     }
 
     #[test]
@@ -154,6 +158,7 @@ mod tests {
                 assert_eq!(settings, Settings::DEFAULT);
             }
         }
+        assert_eq!(Settings::DEFAULT.iter().count(), COUNT);
         let mut settings = Settings::DEFAULT;
         assert_eq!(settings.set(999, 0), Err(SettingRefused::NoSuchSetting(999)));
     }

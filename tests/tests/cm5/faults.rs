@@ -21,6 +21,7 @@ fn a_servo_that_goes_in_mid_cycle_is_stale_at_once_and_the_others_are_not() {
     let reports = bench.reports();
     let stale_from = reports.iter().position(|report| report[9].is_none()).expect("stale");
     assert!(stale_from <= 2, "from report {stale_from} on");
+    assert!((35..=45).contains(&reports.len()), "{}", reports.len());
     for report in &reports[stale_from..] {
         assert!((0..18).all(|servo| report[servo].is_some() == (servo != 9)), "{report:?}");
     }
@@ -138,9 +139,9 @@ fn servos_that_come_back_together_are_told_together() {
     (0..18).for_each(|servo| bench.board.bus.bus().plug(servo));
     bench.run_alive_ms(1000, goal(600));
     let hellos = bench.hellos();
-    assert!((1..=5).contains(&hellos.len()), "{}", hellos.len());
+    assert!((2..=5).contains(&hellos.len()), "{}", hellos.len());
     let apart = hellos.windows(2).map(|pair| (pair[1].0 - pair[0].0).as_millis());
-    assert!(apart.min().is_none_or(|apart| apart >= 195), "hellos follow each other too closely");
+    assert!(apart.min().unwrap() >= 195, "hellos follow each other too closely");
     assert_eq!(bench.counters(17).returns, 1);
 }
 

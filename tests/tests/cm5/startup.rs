@@ -33,7 +33,9 @@ fn the_search_finds_exactly_the_servos_there_are() {
 fn servos_beyond_the_hundredth_are_counted_and_left_alone() {
     let mut bench = Bench::new(servos(1..=103));
     bench.run_ms(8000);
-    for (_, ids) in bench.hellos() {
+    let hellos = bench.hellos();
+    assert!((5..=8).contains(&hellos.len()), "one a second: {}", hellos.len());
+    for (_, ids) in hellos {
         assert!(ids.into_iter().eq(1..=100));
     }
     assert_eq!(bench.board.bridge().counters().without_room, 3);
@@ -191,7 +193,9 @@ fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared(
     let tried = bench.counters(1);
     assert_eq!(tried.eeprom_bytes, 12, "6 writes of a limit in all");
     assert!(tried.errors_seen.contains(protocol::dynamixel::Errors::RANGE));
-    assert!(bench.reports().iter().all(|report| report[0].is_some() && report[1].is_none()));
+    let reports = bench.reports();
+    assert!(reports.len() > 1000, "{}", reports.len());
+    assert!(reports.iter().all(|report| report[0].is_some() && report[1].is_none()));
 
     // The PC's insisting changes nothing.
     for _ in 0..10 {

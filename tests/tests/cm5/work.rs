@@ -77,10 +77,7 @@ fn goals_for_another_number_of_servos_change_nothing_and_are_counted() {
 #[test]
 fn a_goal_that_no_servo_takes_changes_nothing_and_does_not_keep_it_from_stopping() {
     let mut bench = Bench::new(servos([1]));
-    bench.run_ms(1000);
-    bench.answer(1, &[limits(0, 0)]);
-    bench.agreed = 1;
-    bench.run_ms(200);
+    bench.agree(1000, &[limits(0, 0)], 1);
     bench.run_alive_ms(500, goal(512));
     bench.send_goal(Goal { slope: [0, 0], ..goal(0) });
     bench.run_ms(50);
@@ -166,26 +163,17 @@ fn when_the_pc_is_silent_goals_and_torque_stay_and_hellos_are_said_until_it_is_b
 #[test]
 fn what_turns_endlessly_is_stopped_when_the_pc_is_silent() {
     let mut bench = Bench::new(servos([1, 2]));
-    bench.run_ms(1000);
-    bench.answer(1, &[limits(0, 0), limits(0, 1023)]);
-    bench.agreed = 2;
-    bench.run_ms(200);
+    bench.agree(1000, &[limits(0, 0), limits(0, 1023)], 2);
     bench.run_alive_ms(500, goal(512));
-    assert_eq!(bench.goal_of(0).speed, 200);
-    bench.run_ms(940);
-    assert_eq!(bench.goal_of(0).speed, 200);
-    bench.run_ms(30);
-    assert_eq!(bench.goal_of(0), Goal { torque_enable: 0, ..goal(512) });
+    let stopped = Goal { torque_enable: 0, ..goal(512) };
+    bench.see(Silent, |bench| bench.goal_of(0), [(0, goal(512)), (940, goal(512)), (970, stopped)]);
     assert_eq!(bench.goal_of(1), goal(512));
 }
 
 /// A PC that gave `before` goals, and another one that answers with limits and sends nothing.
 fn after_a_change_of_mode(before: Limits, after: Limits) -> Bench {
     let mut bench = Bench::new(servos([1]));
-    bench.run_ms(1000);
-    bench.answer(1, &[before]);
-    bench.agreed = 1;
-    bench.run_ms(200);
+    bench.agree(1000, &[before], 1);
     bench.run_alive_ms(500, Goal { speed: 300, ..goal(0) });
     bench.run_ms(200);
     bench.answer(1, &[after]);
@@ -257,10 +245,9 @@ fn a_setting_switches_the_torque_off_when_the_pc_is_silent() {
     };
     let mut bench = Bench::at_work(Make { servos: servos([1, 2]), settings, ..Make::default() });
     bench.send_goal(goal(512));
-    bench.run_ms(280);
-    assert_eq!(bench.goal_of(0), goal(512));
-    bench.run_ms(30);
-    assert!((0..2).all(|servo| bench.goal_of(servo) == Goal { torque_enable: 0, ..goal(512) }));
+    let off = Goal { torque_enable: 0, ..goal(512) };
+    let all = |bench: &PcHost| [bench.goal_of(0), bench.goal_of(1)];
+    bench.see(Silent, all, [(280, [goal(512); 2]), (310, [off; 2])]);
     bench.send_goal(goal(300));
     bench.run_ms(10);
     assert_eq!(bench.goal_of(0), goal(300));

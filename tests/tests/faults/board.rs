@@ -1,86 +1,33 @@
 //! The faults of the board.
 
-use protocol::pms5005::Data;
-use protocol::pms5005::extension::Assignments;
+use tests::extension::assign;
 
 use super::*;
 
-/// A fault of the board that a reading makes: the reading that is wrong, and the next to it that is
-/// not.
-struct Reading {
-    fault: Fault,
-    set: fn(&mut Overrides, u16),
-    wrong: u16,
-    right: u16,
-}
+/// What puts a reading in the place of a sensor's.
+type Set = fn(&mut Overrides, u16);
 
-const READINGS: [Reading; 11] = [
-    Reading {
-        fault: Fault::MotorBatteryLow,
-        set: |all, ad| all.battery[1] = Some(ad),
-        wrong: 852,
-        right: 853,
-    },
-    Reading {
-        fault: Fault::MotorBatteryLow,
-        set: |all, ad| all.battery[1] = Some(ad),
-        wrong: 171,
-        right: 170,
-    },
-    Reading {
-        fault: Fault::MotorBatteryHigh,
-        set: |all, ad| all.battery[1] = Some(ad),
-        wrong: 2560,
-        right: 2559,
-    },
-    Reading {
-        fault: Fault::ServoBatteryLow,
-        set: |all, ad| all.battery[2] = Some(ad),
-        wrong: 1819,
-        right: 1820,
-    },
-    Reading {
-        fault: Fault::ServoBatteryLow,
-        set: |all, ad| all.battery[2] = Some(ad),
-        wrong: 455,
-        right: 454,
-    },
-    Reading {
-        fault: Fault::MainBatteryLow,
-        set: |all, ad| all.battery[0] = Some(ad),
-        wrong: 2001,
-        right: 2002,
-    },
-    Reading {
-        fault: Fault::MainBatteryLow,
-        set: |all, ad| all.battery[0] = Some(ad),
-        wrong: 455,
-        right: 454,
-    },
-    Reading {
-        fault: Fault::DriverTooHot,
-        set: |all, ad| all.overheat[0] = Some(ad),
-        wrong: 1095,
-        right: 1096,
-    },
-    Reading {
-        fault: Fault::DriverTooHot,
-        set: |all, ad| all.overheat[1] = Some(ad),
-        wrong: 400,
-        right: 399,
-    },
-    Reading {
-        fault: Fault::AmbientTooHot,
-        set: |all, ad| all.temperature = Some(ad),
-        wrong: 3692,
-        right: 3691,
-    },
-    Reading {
-        fault: Fault::AmbientTooHot,
-        set: |all, ad| all.temperature = Some(ad),
-        wrong: 4039,
-        right: 4040,
-    },
+const MAIN: Set = |all, ad| all.battery[0] = Some(ad);
+const MOTORS: Set = |all, ad| all.battery[1] = Some(ad);
+const SERVOS: Set = |all, ad| all.battery[2] = Some(ad);
+const DRIVERS: [Set; 2] =
+    [|all, ad| all.overheat[0] = Some(ad), |all, ad| all.overheat[1] = Some(ad)];
+const AMBIENT: Set = |all, ad| all.temperature = Some(ad);
+
+/// The faults of the board that a reading makes: the reading that is wrong, and the next to it that
+/// is not.
+const READINGS: [(Fault, Set, u16, u16); 11] = [
+    (Fault::MotorBatteryLow, MOTORS, 852, 853),
+    (Fault::MotorBatteryLow, MOTORS, 171, 170),
+    (Fault::MotorBatteryHigh, MOTORS, 2560, 2559),
+    (Fault::ServoBatteryLow, SERVOS, 1819, 1820),
+    (Fault::ServoBatteryLow, SERVOS, 455, 454),
+    (Fault::MainBatteryLow, MAIN, 2001, 2002),
+    (Fault::MainBatteryLow, MAIN, 455, 454),
+    (Fault::DriverTooHot, DRIVERS[0], 1095, 1096),
+    (Fault::DriverTooHot, DRIVERS[1], 400, 399),
+    (Fault::AmbientTooHot, AMBIENT, 3692, 3691),
+    (Fault::AmbientTooHot, AMBIENT, 4039, 4040),
 ];
 
 /// The defaults, and 15 V as too much for the motors.
@@ -103,7 +50,7 @@ fn driving(settings: Settings) -> Bench {
 #[test]
 fn batteries_and_temperatures_out_of_bounds_for_a_second_stop_everything() {
     let settings = with_a_highest_voltage();
-    for Reading { fault, set, wrong, .. } in READINGS {
+    for (fault, set, wrong, _) in READINGS {
         for clear in [by_clearing as fn(&mut Bench), by_resuming_all] {
             let mut bench = driving(settings);
             change(&bench, |all| set(all, wrong));
@@ -153,7 +100,7 @@ fn readings_that_are_just_right_or_not_wired_or_wrong_for_a_moment_stop_nothing(
         assert_eq!((bench.bridge(0), latched(bench)), ((8000, true), vec![]), "{what}");
     };
     let settings = with_a_highest_voltage();
-    for Reading { fault, set, wrong, right } in READINGS {
+    for (fault, set, wrong, right) in READINGS {
         let mut bench = driving(settings);
         for ad in [right, 0, 2047] {
             change(&bench, |all| set(all, ad));
@@ -218,8 +165,8 @@ fn lost_bytes_damaged_settings_and_a_start_by_the_watchdog_are_on_record_and_hol
     assert_eq!(bench.bridge(0), (8000, true));
     on_record_and_no_more(&mut bench, Fault::ReceiveOverrun, 500..=520);
 
-    let mut bench = Bench::new();
-    bench.board = VirtualBoard::with_flash(Make::default(), Flash::with(b"foreign"));
+    let board = VirtualBoard::with_flash(Make::default(), Flash::with(b"foreign"));
+    let mut bench = Bench::of(board);
     bench.run_ms(10);
     on_record_and_no_more(&mut bench, Fault::SettingsCorrupt, 0..=0);
     // Flash that was never written is none.
@@ -268,13 +215,9 @@ fn control_periods_that_are_missed_are_counted_and_a_fault_when_they_persist() {
     let record = first_record(&mut bench);
     assert!((1000..=2100).contains(&record.values[0]), "{record:?}");
     // Health tells how many they were in all.
-    bench.send_raw(98, &[1]);
-    bench.run_ms(60);
-    let told = bench.received().into_iter().find_map(|f| match Answer::parse(f.did, &f.data)? {
-        Answer::Health(health) => Some((health.faults, health.periods_missed)),
-        _ => None,
-    });
-    assert_eq!(told, Some((1, 620)));
+    let (did, data) = bench.ask_raw(98, &[1]);
+    let Some(Answer::Health(health)) = Answer::parse(did, &data) else { panic!("{did}") };
+    assert_eq!((health.faults, health.periods_missed), (1, 620));
     bench.run_alive_ms(1000);
     off_until_cleared_and_then_runs_again(&mut bench, 0, by_clearing);
     // One in eight for a long time; and one hole of 45 ms: the watchdog bears no more than 51.
@@ -312,9 +255,7 @@ fn a_fault_that_is_switched_off_is_cleared_at_once() {
     change(&bench, |all| all.battery[2] = Some(1700));
     bench.run_alive_ms(1200);
     assert_eq!(latched(&bench), [(Fault::ServoBatteryLow, None)]);
-    let mut data = Data::new();
-    Assignments::emit(66, 0, &mut data).unwrap();
-    bench.send_raw(did::PARAMETERS, &data);
+    bench.send_raw(did::PARAMETERS, &assign(&[(66, 0)]));
     by_clearing(&mut bench);
     bench.run_alive_ms(2000);
     assert_eq!(latched(&bench), []);

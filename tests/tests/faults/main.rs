@@ -20,6 +20,7 @@ use protocol::pms5005::{
     Channel, Command, Gain, Loop, Method, Parameter, Quantity, Scope, Sensor, did,
 };
 use tests::Bench;
+use tests::Link::Alive;
 
 const WHEEL: Channel = Channel::ALL[0];
 const JOINT: usize = 2;
@@ -33,15 +34,7 @@ fn latched(bench: &Bench) -> Vec<(Fault, Option<Channel>)> {
 fn first_record(bench: &mut Bench) -> FaultRecord {
     bench.send(Command::Ping);
     bench.run_ms(20);
-    bench.received();
-    bench.send_raw(100, &[0]);
-    bench.run_ms(200);
-    let frames = bench.received();
-    let answer = frames.iter().find_map(|frame| match Answer::parse(frame.did, &frame.data) {
-        Some(Answer::Fault(answer)) => Some(answer),
-        _ => None,
-    });
-    answer.expect("an answer").record.expect("a record")
+    bench.fault(0).record.expect("a record")
 }
 
 fn change(bench: &Bench, change: impl FnOnce(&mut Overrides)) {
@@ -50,15 +43,7 @@ fn change(bench: &Bench, change: impl FnOnce(&mut Overrides)) {
 
 /// How many ms pass until this bridge is off; the host is alive.
 fn until_off(bench: &mut Bench, motor: usize, most: u64) -> u64 {
-    let mut passed = 0;
-    while bench.bridge(motor).1 {
-        assert!(passed < most, "still on after {most} ms: {:?}", latched(bench));
-        if passed % 500 == 0 {
-            bench.send(Command::Ping);
-        }
-        bench.run_ms(1);
-        passed += 1;
-    }
+    let passed = bench.until(Alive, most, |bench| !bench.bridge(motor).1);
     assert_eq!(bench.bridge(motor).0, 0, "off is neutral");
     passed
 }

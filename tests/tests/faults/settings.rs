@@ -14,17 +14,8 @@ fn trips(settings: &[(u16, i32)], cause: Cause, most: u64) -> Option<(Fault, u64
     make.scene.motors[1] = MotorScene { reversed: true, ..MotorScene::with(ShaftSensor::Encoder) };
     let mut bench = Bench::with(make);
     cause(&mut bench);
-    let mut after = 0;
-    loop {
-        if let Some((fault, _)) = bench.board.snapshot().faults.iter().next() {
-            return Some((fault, after));
-        }
-        if after == most {
-            return None;
-        }
-        bench.run_alive_ms(1);
-        after += 1;
-    }
+    let after = bench.until_or(Alive, most, |bench| !latched(bench).is_empty())?;
+    Some((latched(&bench)[0].0, after))
 }
 
 /// What trips with the defaults and what with this setting: nothing, or a fault within these ms.

@@ -8,8 +8,7 @@ fn info_says_no_arm(host: &mut Host) -> bool {
     host.received();
     host.send(ArmCommand::Info);
     host.run_ms(20);
-    let packets = host.received();
-    let info = packets.iter().find(|packet| packet.id == ArmInfo::ID).unwrap();
+    let info = host.heard(ArmInfo::ID);
     ArmInfo::parse(&info.packet()) == Some(ArmInfo::NoArm)
 }
 
@@ -138,12 +137,10 @@ fn init_takes_700_ms_and_only_info_and_status_are_answered_meanwhile() {
     assert!(!info_says_no_arm(&mut host));
     // 10 + 50 + 10 + 20 ms have gone; INIT counts from its last byte, half a millisecond in.
     host.run_alive_ms(600);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert!(!host.arm().powered, "at 690 ms");
     host.run_ms(10);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert!(host.arm().powered, "at 705 ms");
 }
 

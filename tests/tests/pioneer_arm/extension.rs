@@ -13,7 +13,8 @@ use protocol::pms5005::extension::{
     Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Request, ResetCause,
     Verdict,
 };
-use protocol::pms5005::{Data, Repeat, Scope};
+use protocol::pms5005::{Repeat, Scope};
+use tests::extension::assign;
 
 /// The numbers of joint 1's home, lowest and highest position.
 const HOME: u16 = 129;
@@ -26,64 +27,6 @@ fn written(request: Request<'_>) -> Vec<u8> {
     let packet = Packet::parse(&bytes).unwrap();
     assert_eq!(extension::parse_request(&packet), Some(Ok(request)));
     bytes
-}
-
-fn assign(assignments: &[(u16, i32)]) -> Data {
-    let mut data = Data::new();
-    assignments.iter().for_each(|&(n, value)| Assignments::emit(n, value, &mut data).unwrap());
-    data
-}
-
-impl Host {
-    /// Sends a command with these bytes as text, and yields id and data of the one answer to it.
-    fn ask_raw(&mut self, number: u8, text: &[u8]) -> (u8, Vec<u8>) {
-        self.received();
-        let argument = Some(Argument::Text(text));
-        self.send_bytes(encode_command(number, argument, &mut [0; 200]).unwrap());
-        self.run_ms(40);
-        let mut answers: Vec<_> =
-            self.received().into_iter().filter(|packet| (96..112).contains(&packet.id)).collect();
-        assert_eq!(answers.len(), 1, "{number} {text:?}: {answers:?}");
-        let answer = answers.remove(0);
-        (answer.id, answer.packet().data.to_vec())
-    }
-
-    fn outcome(&mut self, number: u8, text: &[u8]) -> (Verdict, u16) {
-        let (id, data) = self.ask_raw(number, text);
-        match extension::parse_answer(&Packet { id, data: &data }) {
-            Some(Answer::Outcome(outcome)) => {
-                let did = if number == 101 { 7 } else { number };
-                assert_eq!((outcome.did, outcome.first), (did, *text.first().unwrap_or(&0)));
-                (outcome.verdict, outcome.setting)
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-
-    fn act(&mut self, action: Action) -> Verdict {
-        self.outcome(101, &[action.number()]).0
-    }
-
-    fn set(&mut self, assignments: &[(u16, i32)]) -> (Verdict, u16) {
-        self.outcome(101, &assign(assignments))
-    }
-
-    fn value(&mut self, number: u16) -> i32 {
-        let (id, data) = self.ask_raw(96, &number.to_le_bytes());
-        match extension::parse_answer(&Packet { id, data: &data }) {
-            Some(Answer::Setting(setting)) => setting.value,
-            other => panic!("{other:?}"),
-        }
-    }
-
-    /// What is told of a fault.
-    fn fault(&mut self, place: u8) -> Latched {
-        let (id, data) = self.ask_raw(100, &[place]);
-        match extension::parse_answer(&Packet { id, data: &data }) {
-            Some(Answer::Fault(latched)) => latched,
-            other => panic!("{other:?}"),
-        }
-    }
 }
 
 #[test]
@@ -137,8 +80,7 @@ fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jum
     let mut host = Host::with_flash(Make::default(), flash.clone());
     host.open();
     assert_eq!((host.value(0), host.value(HOME), host.value(112)), (2000, 127, 0));
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     let mut watch = NoJump::new(&host);
     let ours = [(112, 2), (HOME, 100), (MIN, 50), (MAX, 200), (133, 90)];
     assert_eq!(host.set(&ours), (Verdict::Done, 0));
@@ -166,16 +108,14 @@ fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jum
     host.received();
     host.send(ArmCommand::Info);
     host.run_ms(20);
-    let packets = host.received();
-    let info = packets.iter().find(|packet| packet.id == ArmInfo::ID).unwrap();
+    let info = host.heard(ArmInfo::ID);
     let Some(ArmInfo::Arm { joints, .. }) = ArmInfo::parse(&info.packet()) else { panic!() };
     let joint = joints[0];
     assert_eq!((joint.home, joint.min, joint.max, joint.ticks_per_90), (100, 50, 200, 90));
     assert_eq!((joints[1].home, joints[1].max), (127, 255));
     // Good and initialised: ARIA's dialect.
     assert_eq!(host.status_bytes(), [0, 0b11, 100, 127, 127, 127, 127, 127]);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses()[0], Some((3375 - 27 * 2250 / 90) as u16));
 
     // Another board with the same flash; then the defaults again.
@@ -218,8 +158,7 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
             host.received();
             host.send_bytes(Packet { id, data }.encode(&mut [0; 20]).unwrap());
             host.run_ms(40);
-            let packets = host.received();
-            let told = packets.iter().find(|packet| packet.id == 101).unwrap();
+            let told = host.heard(101);
             let did = if id == 101 { 7 } else { id };
             let bad = Verdict::BadLength.code();
             assert_eq!(told.packet().data, [did, 0, bad, 0, 0], "{id} {data:02x?}");
@@ -254,8 +193,7 @@ fn health_comes_at_once_and_then_once_a_cycle_as_often_as_it_is_asked_for() {
     assert_eq!(count(&mut host, 1000), 0);
     host.send_bytes(&written(Request::Health(Repeat::Times(1.try_into().unwrap()))));
     host.run_ms(20);
-    let packets = host.received();
-    let told = packets.iter().find(|packet| packet.id == 98).unwrap();
+    let told = host.heard(98);
     let Some(Answer::Health(health)) = extension::parse_answer(&told.packet()) else { panic!() };
     let now = Instant::now().as_millis() as u32;
     assert!((now - 25..=now).contains(&health.uptime_ms), "{health:?} at {now}");
@@ -283,8 +221,7 @@ fn a_fault_is_told_with_its_values_and_can_be_cleared_but_the_arm_still_needs_in
     assert!(!host.arm().powered && host.arm().good && !host.arm().initialised);
     host.send(ArmCommand::Init);
     host.run_alive_ms(750);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses(), AT_HOME);
 }
 
@@ -390,7 +327,7 @@ fn outside_a_session_the_extension_is_silent_and_what_it_owes_is_forgotten() {
     host.received();
     host.open();
     host.run_alive_ms(500);
-    assert!(host.ids().iter().all(|&id| id == Standard::ID));
+    assert_eq!(host.ids(), [Standard::ID; 5]);
     assert_eq!(host.fault(0).total, 0, "it can be asked for again");
 }
 

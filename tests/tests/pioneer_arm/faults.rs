@@ -12,16 +12,7 @@ fn battery(host: &Host, low: bool) {
 /// Lets the battery go low, and time pass until no servo has a pulse: in ms.
 fn until_off(host: &mut Host, most: u64) -> u64 {
     battery(host, true);
-    for ms in 1..=most {
-        if ms % 500 == 1 {
-            host.send_bare(command::PULSE);
-        }
-        host.run_ms(1);
-        if host.pulses() == NO_PULSES {
-            return ms;
-        }
-    }
-    panic!("still on after {most} ms");
+    host.until(Alive, most, |host| host.pulses() == NO_PULSES)
 }
 
 fn latched(host: &Host) -> Vec<Fault> {
@@ -39,8 +30,7 @@ fn in_dialect(dialect: Dialect) -> Host {
     make.settings.arm.dialect = dialect;
     let mut host = Host::with(make);
     host.open();
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     host
 }
 
@@ -121,8 +111,7 @@ fn under_the_fault_no_command_pretends_to_move_and_only_init_without_its_cause_e
     assert_eq!((latched(&host), host.pulses()), (vec![], NO_PULSES), "INIT moves nothing");
     assert!(host.arm().initialised && host.arm().good && !host.arm().powered);
     // Each joint has its power where it was when it lost it.
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     let mut held = AT_HOME;
     held[0] = Some(pulse(177));
     assert_eq!((host.pulses(), host.arm().powered), (held, true));
@@ -162,8 +151,7 @@ fn a_joint_that_loses_its_power_on_its_way_has_it_again_where_its_servo_was_sent
         let status = host.arm();
         assert!(!status.powered && status.moving == [false; 6] && !status.homing, "{status:?}");
         init(&mut host);
-        host.send(ArmCommand::Power(true));
-        host.run_ms(5);
+        host.power_up();
         for (before, now) in last.iter().zip(host.pulses()) {
             let jump = i32::from(now.unwrap()) - i32::from(before.unwrap());
             assert!(jump.abs() <= NoJump::TICK, "by {jump} at SPEED {ms_per_tick}");
@@ -184,8 +172,7 @@ fn a_fault_that_comes_without_power_keeps_it_off_too() {
     battery(&host, false);
     host.run_alive_ms(100);
     init(&mut host);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses(), AT_HOME);
 }
 
@@ -219,7 +206,6 @@ fn an_arm_that_loses_cable_and_power_needs_both_again() {
     host.connect(true);
     host.run_alive_ms(50);
     init(&mut host);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert!(host.arm().powered && host.pulses()[0].is_some());
 }

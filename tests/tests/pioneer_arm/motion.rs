@@ -8,17 +8,10 @@ fn at_20_ms_a_step_a_joint_moves_50_ticks_in_a_second() {
     host.speed(1, 20);
     host.run_ms(5);
     host.go(1, 227);
-    let began = Instant::now();
-    let mut arrived = None;
-    host.run_alive_with(1200, |host| {
-        if arrived.is_none() && host.pulses()[0] >= Some(pulse(177)) {
-            arrived = Some((Instant::now() - began).as_millis());
-        }
-    });
-    let arrived = arrived.expect("50 ticks");
+    let arrived = host.until(Alive, 1200, |host| host.pulses()[0] >= Some(pulse(177)));
     assert!((980..=1020).contains(&arrived), "{arrived} ms");
     // The simulated servo follows.
-    host.run_alive_ms(1000);
+    host.run_alive_ms(1200);
     assert_eq!(host.ticks(1), 227);
     assert!((host.servo(1) - f32::from(pulse(227))).abs() < 1.0);
 }
@@ -44,15 +37,13 @@ fn without_power_there_are_no_pulses_and_power_up_is_at_home() {
     let mut host = Host::opened();
     host.run_alive_ms(500);
     assert_eq!(host.pulses(), NO_PULSES);
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!((host.pulses(), host.arm().positions), (AT_HOME, [127; 6]));
     // Off and on again where it stands: at home.
     host.send(ArmCommand::Power(false));
     host.run_ms(5);
     assert_eq!((host.pulses(), host.arm().powered), (NO_PULSES, false));
-    host.send(ArmCommand::Power(true));
-    host.run_ms(5);
+    host.power_up();
     assert_eq!(host.pulses(), AT_HOME);
 }
 
@@ -82,6 +73,7 @@ fn no_joint_ever_jumps() {
         host.run_alive_with(1000, |host| watch.look(host));
     }
     assert!(host.link().limited >= 24, "a speed of 0 is 1");
+    assert!(watch.steps > 5000, "{} steps without a jump", watch.steps);
 }
 
 #[test]
@@ -153,19 +145,18 @@ fn park_and_power_0_take_the_joints_home_before_power_goes_off() {
         host.run_alive_ms(600);
         host.send(command);
         // At the joint's own speed: 100 ticks of 5 ms; then the servos settle.
-        host.run_alive_ms(490);
-        assert!(host.arm().powered && host.arm().homing, "{command:?}");
-        host.run_alive_ms(60);
-        assert!(host.arm().powered && !host.arm().homing, "{command:?}");
-        host.run_alive_ms(20);
-        assert_eq!((host.arm().powered, host.pulses()), (false, NO_PULSES), "{command:?}");
-        assert_eq!(host.arm().positions, [127; 6]);
+        host.see(
+            Alive,
+            |host| (host.arm().powered, host.arm().homing),
+            [(490, (true, true)), (550, (true, false)), (570, (false, false))],
+        );
+        assert_eq!((host.pulses(), host.arm().positions), (NO_PULSES, [127; 6]), "{command:?}");
     }
 }
 
 /// From PARK to power-off, in ms. Whatever the servos were told, they are at home then, and stay
 /// there when power comes back.
-fn park_and_power_up(host: &mut Host, home: u8) -> u32 {
+fn park_and_power_up(host: &mut Host, home: u8) -> u64 {
     let all_at_home = |host: &Host| {
         for (i, servo) in host.servos().into_iter().enumerate() {
             let short = (servo - f32::from(pulse(home))) / 16.07;
@@ -173,21 +164,13 @@ fn park_and_power_up(host: &mut Host, home: u8) -> u32 {
         }
     };
     host.send(ArmCommand::Park);
-    let mut ms = 0;
-    while host.arm().powered {
-        if ms % 500 == 0 {
-            host.send_bare(command::PULSE);
-        }
-        host.run_ms(1);
-        ms += 1;
-        assert!(ms < 6000, "power never goes off");
-    }
+    let took = host.until(Alive, 6000, |host| !host.arm().powered);
     all_at_home(host);
     host.run_alive_ms(50);
     host.send(ArmCommand::Power(true));
     host.run_alive_with(100, all_at_home);
     assert_eq!(host.pulses(), [Some(pulse(home)); JOINTS]);
-    ms
+    took
 }
 
 /// An arm with power, all its homes at `home`.
@@ -217,8 +200,8 @@ fn servos_that_are_slower_than_their_joints_are_at_home_when_power_goes_off() {
             let took = park_and_power_up(&mut host, home);
             // No sooner than the steps, no later than servos of half the simulated ones' rate:
             // 140 ticks in 450 ms. The pulses settle in 60 ms, PARK is on the line for 1.
-            let ticks = u32::from(home.abs_diff(end));
-            let (steps, slew) = (ticks * u32::from(ms_per_tick), ticks * 450 / 140);
+            let ticks = u64::from(home.abs_diff(end));
+            let (steps, slew) = (ticks * ms_per_tick as u64, ticks * 450 / 140);
             let what = format!("{took} ms from {end} to {home} at SPEED {ms_per_tick}");
             let most = if ticks == 0 { 5 } else { steps.max(slew) + 70 };
             assert!((steps..=most).contains(&took), "{what}");
@@ -298,11 +281,10 @@ fn an_idle_arm_parks_itself_after_ten_minutes_and_every_arm_command_starts_them_
     host.run_alive_ms(300_000);
     host.send(ArmCommand::Status(StatusRequest::Once));
     host.run_alive_ms(599_900);
-    assert_eq!((host.ticks(1), host.arm().powered, host.arm().homing), (147, true, false));
-    host.run_alive_ms(200);
-    assert!(host.arm().homing);
-    host.run_alive_ms(500);
-    assert_eq!((host.ticks(1), host.arm().powered), (127, false));
+    assert_eq!(host.ticks(1), 147);
+    let seen = |host: &Host| (host.arm().powered, host.arm().homing);
+    host.see(Alive, seen, [(0, (true, false)), (200, (true, true)), (700, (false, false))]);
+    assert_eq!(host.ticks(1), 127);
 }
 
 #[test]
@@ -312,20 +294,16 @@ fn an_arm_on_its_way_is_not_idle() {
     host.send(ArmCommand::AutoPark(2));
     host.go(1, 177);
     // 5 s on the way, 2 s at rest.
-    host.run_alive_ms(6900);
-    assert_eq!((host.ticks(1), host.arm().homing), (177, false));
-    host.run_alive_ms(200);
-    assert!(host.arm().homing);
+    let seen = |host: &Host| (host.arm().homing, host.ticks(1) == 177);
+    host.see(Alive, seen, [(6900, (false, true)), (7100, (true, true))]);
 }
 
 #[test]
 fn autopark_is_in_seconds_and_0_is_never() {
     let mut host = Host::powered();
     host.send(ArmCommand::AutoPark(3));
-    host.run_alive_ms(2950);
-    assert!(host.arm().powered);
-    host.run_alive_ms(100);
-    assert!(!host.arm().powered, "at home already");
+    // It is at home already.
+    host.see(Alive, |host| host.arm().powered, [(2950, true), (3050, false)]);
 
     host.send(ArmCommand::Power(true));
     host.send(ArmCommand::AutoPark(0));
@@ -371,10 +349,7 @@ fn a_gripper_that_is_closed_for_too_long_goes_home_alone() {
     assert_eq!(host.ticks(6), 77);
     let mut host = Host::powered();
     host.go(6, 117);
-    host.run_alive_ms(299_900);
-    assert_eq!(host.ticks(6), 117);
-    host.run_alive_ms(1000);
-    assert_eq!(host.ticks(6), 127);
+    host.see(Alive, |host| host.ticks(6), [(299_900, 117), (300_900, 127)]);
 }
 
 #[test]
@@ -401,12 +376,9 @@ fn the_host_may_stop_or_send_back_a_gripper_that_goes_home_and_its_time_begins_a
     let mut host = Host::powered();
     closing(&mut host);
     host.go(6, 27);
-    host.run_alive_ms(100);
-    assert_eq!(host.ticks(6), 27, "at SPEED 1 again");
-    host.run_alive_ms(2800);
-    assert_eq!(host.ticks(6), 27);
-    host.run_alive_ms(200);
-    assert!(host.arm().homing);
+    // At SPEED 1 again.
+    let seen = |host: &Host| (host.arm().homing, host.ticks(6) == 27);
+    host.see(Alive, seen, [(100, (false, true)), (2900, (false, true)), (3100, (true, false))]);
     // One that is on its way open is held closed by nobody.
     let mut host = Host::powered();
     host.speed(6, 1);

@@ -54,7 +54,7 @@ fn commands_that_say_something_wrong_are_counted_and_change_nothing() {
         let what = format!("{number} with {argument:?}");
         assert_eq!((link.refused - before.refused, host.pulses()), (1, pulses), "{what}");
         assert_eq!((link.arm, link.ignored, link.limited), (before.arm, 0, 0), "{what}");
-        assert!(host.ids().iter().all(|&id| id == Standard::ID), "{what}");
+        assert_eq!(host.ids(), [Standard::ID; 5], "{what}");
     }
 }
 
@@ -186,10 +186,7 @@ proptest! {
                     let battery = (!good).then_some(1700);
                     host.board.plant.borrow_mut().overrides.battery[2] = battery;
                 }
-                Event::Silence(ms) => (0..ms).for_each(|_| {
-                    host.run_ms(1);
-                    look(&host);
-                }),
+                Event::Silence(ms) => host.run_with(Silent, ms, &mut look),
                 Event::Alive(ms) => host.run_alive_with(ms, &mut look),
                 Event::RushAndPark(ticks, ms) => {
                     for joint in 1..=6 {
@@ -200,16 +197,12 @@ proptest! {
                     host.send(ArmCommand::Park);
                 }
                 Event::Open => {
-                    SYNC.iter().for_each(|sync| host.send_bare(sync.id));
-                    host.send_int(command::OPEN, 1);
+                    host.open_blindly();
                 }
             }
         }
         // When the host has gone, the arm comes to rest: 255 ticks of 20 ms and the watchdog.
-        (0..8000).for_each(|_| {
-            host.run_ms(1);
-            look(&host);
-        });
+        host.run_with(Silent, 8000, &mut look);
         prop_assert_eq!((host.arm().powered, host.pulses()), (false, NO_PULSES));
         // And it can be had again, each joint where it lost its power.
         host.connect(true);

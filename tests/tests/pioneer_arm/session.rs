@@ -125,10 +125,7 @@ fn garbage_between_the_syncs_is_skipped() {
 fn status_is_answered_within_100_ms_and_info_within_300_at_any_time_and_any_speed() {
     for line_rate in [9600, 115_200] {
         let mut host = Host::with(Make { line_rate, ..Make::default() });
-        for sync in SYNC {
-            host.send_bare(sync.id);
-        }
-        host.send_int(command::OPEN, 1);
+        host.open_blindly();
         host.run_alive_ms(500);
         for offset in (0..100).step_by(3) {
             host.run_alive_ms(400 + offset);
@@ -202,8 +199,7 @@ fn status_2_brings_an_armpac_before_every_standard_packet_until_it_is_stopped() 
 #[test]
 fn a_host_that_floods_the_line_with_questions_still_gets_every_kind_of_answer() {
     let mut host = Host::with(Make { line_rate: 9600, ..Make::default() });
-    SYNC.iter().for_each(|sync| host.send_bare(sync.id));
-    host.send_int(command::OPEN, 1);
+    host.open_blindly();
     host.run_ms(200);
     for questions in [
         &[ArmCommand::Status(StatusRequest::Once)][..],
@@ -235,8 +231,7 @@ fn info_tells_the_calibration_and_the_speeds_as_they_are() {
     host.speed(2, 40);
     host.send(ArmCommand::Info);
     host.run_ms(20);
-    let packets = host.received();
-    let info = packets.iter().find(|packet| packet.id == ArmInfo::ID).unwrap();
+    let info = host.heard(ArmInfo::ID);
     let version = concat!("Open arm ", env!("CARGO_PKG_VERSION"));
     // Table 3, with n = 2 + the version's length as the place of its NUL.
     let n = 2 + version.len();
@@ -286,11 +281,7 @@ fn any_packet_keeps_the_session_alive_and_silence_of_two_seconds_ends_it() {
         host.run_ms(1900);
         host.send_bare(18); // CONFIG: not answered, but heard
     }
-    host.run_ms(1990);
-    assert_eq!(host.link().watchdogs, 0);
-    host.received();
-    host.run_ms(20);
-    assert_eq!(host.link().watchdogs, 1);
+    host.see(Silent, |host| host.link().watchdogs, [(1990, 0), (2010, 1)]);
     host.received();
     host.run_ms(1000);
     assert!(host.received().is_empty());
@@ -308,7 +299,7 @@ fn commands_of_the_robots_base_are_counted_and_have_no_effect() {
     host.run_ms(500);
     assert_eq!(host.link().not_for_the_arm, 67 + 14 + 154);
     assert_eq!((host.link().refused, host.board.plant.borrow().outputs), (0, before));
-    assert!(host.ids().iter().all(|&id| id == Standard::ID));
+    assert_eq!(host.ids(), [Standard::ID; 5]);
 }
 
 #[test]
@@ -319,12 +310,7 @@ fn a_host_that_dies_in_mid_move_leaves_an_arm_that_goes_home_slowly_and_switches
     host.go(1, 227);
     host.go(2, 27);
     let mut watch = NoJump::new(&host);
-    let mut run = |host: &mut Host, ms| {
-        for _ in 0..ms {
-            host.run_ms(1);
-            watch.look(host);
-        }
-    };
+    let mut run = |host: &mut Host, ms| host.run_with(Silent, ms, |host| watch.look(host));
     // Joint 1 is on its way, joint 2 has arrived.
     run(&mut host, 1990);
     assert_eq!((host.ticks(1), host.ticks(2), host.link().watchdogs), (176, 27, 0));
@@ -427,7 +413,7 @@ fn a_host_that_goes_through_all_its_syncs_in_a_live_session_ends_it_with_sync2()
         host.send_bare(sync.id);
         host.run_ms(10);
     }
-    assert!(host.ids().iter().all(|&id| id == Standard::ID), "none is answered");
+    assert!(host.ids().is_empty(), "none is answered, and CLOSE ends the rest");
     assert_eq!((host.link().watchdogs, host.arm().homing), (0, true));
     host.open();
 }

@@ -262,7 +262,10 @@ mod tests {
 
     #[test]
     fn every_register_takes_exactly_its_range_and_a_refusal_changes_nothing() {
+        let (mut taken, mut refused) = (0, 0);
         for &register in Register::ALL {
+            let is_read_only = register.access == Access::ReadOnly;
+            let takes = |value| !is_read_only && (register.min..=register.max).contains(&value);
             let values = [register.min, register.max, register.default];
             for value in values.into_iter().chain([register.min.wrapping_sub(1), register.max + 1])
             {
@@ -272,19 +275,22 @@ mod tests {
                 let value = if register.size == 1 { value & 0xFF } else { value };
                 match write(&mut servo, register, value) {
                     Ok(eeprom_bytes) => {
-                        assert!(register.accepts(value), "{register:?} took {value}");
+                        taken += 1;
+                        assert!(takes(value), "{register:?} took {value}");
                         assert_eq!(servo.get(register), value);
                         let is_eeprom = register.access == Access::Eeprom;
                         let expected = if is_eeprom { register.size.into() } else { 0 };
                         assert_eq!(eeprom_bytes, expected);
                     }
                     Err(errors) => {
-                        assert!(!register.accepts(value), "{register:?} refused {value}");
+                        refused += 1;
+                        assert!(!takes(value), "{register:?} refused {value}");
                         assert_eq!((errors, servo.registers), (Errors::RANGE, before));
                     }
                 }
             }
         }
+        assert!(taken > 50 && refused > 50, "{taken} taken, {refused} refused");
     }
 
     #[test]
@@ -363,7 +369,7 @@ mod tests {
         assert_eq!(servo.get(Register::PRESENT_SPEED), 100);
         assert!((1..1023).contains(&servo.get(Register::PRESENT_LOAD)), "counter-clockwise");
         servo.advance_to(990);
-        assert!(servo.get(Register::PRESENT_POSITION) < 739);
+        assert!((733..739).contains(&servo.get(Register::PRESENT_POSITION)));
         servo.advance_to(1010);
         assert_eq!(servo.get(Register::PRESENT_POSITION), 739);
         assert_eq!((servo.get(Register::MOVING), servo.get(Register::PRESENT_SPEED)), (0, 0));
@@ -371,7 +377,7 @@ mod tests {
         write(&mut servo, Register::GOAL_POSITION, 512).unwrap();
         servo.advance_to(1100);
         assert_eq!(servo.get(Register::PRESENT_SPEED), 1024 + 100);
-        assert!(servo.get(Register::PRESENT_LOAD) > 1024);
+        assert!((1025..2048).contains(&servo.get(Register::PRESENT_LOAD)), "clockwise");
         // Without a torque it stays.
         write(&mut servo, Register::TORQUE_ENABLE, 0).unwrap();
         let rests = servo.position();
