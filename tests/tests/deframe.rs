@@ -2,10 +2,12 @@
 //! comes, in whatever pieces, and whenever it is told to give up, both find the same frames at the
 //! same time, count the same and wait for the same.
 
+use std::cell::Cell;
+
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
-use protocol::deframe::{Deframer, Found, Framing, Reception};
+use protocol::deframe::{Deframer, Framing, Reception};
 use protocol::{arcos, cm5, dynamixel, pms5005};
 
 /// What befalls a receiver.
@@ -82,9 +84,7 @@ fn play<F: Framing, const N: usize>(
                 if !naive.held.is_empty() {
                     naive.drop_first(naive.held.len() >= F::HEADER);
                 }
-                if receiver.give_up_front() {
-                    found.push(receiver.frame(Found::Held).to_vec());
-                }
+                found.extend(receiver.give_up_front().map(<[u8]>::to_vec));
             }
         }
         while let Some(frame) = receiver.receive(&mut piece) {
@@ -177,4 +177,49 @@ proptest! {
     ) {
         play::<cm5::Cm5, { cm5::MAX_PACKET }>(&stream, &events)?;
     }
+}
+
+/// A format of which every byte of a run of FF begins a candidate, and none is a frame.
+enum Flood {}
+
+thread_local!(static JUDGED: Cell<usize> = const { Cell::new(0) });
+
+impl Framing for Flood {
+    const START: [u8; 2] = [0xFF; 2];
+    const HEADER: usize = 3;
+
+    fn length(header: &[u8]) -> Option<usize> {
+        Some(header[2].into())
+    }
+
+    fn is_intact(_: &[u8]) -> bool {
+        JUDGED.set(JUDGED.get() + 1);
+        false
+    }
+}
+
+#[test]
+fn every_candidate_is_judged_as_a_whole_once() {
+    let stream = [0xFF; 10_000];
+    for chunk in [1, 7, 64, stream.len()] {
+        JUDGED.set(0);
+        let mut receiver = Deframer::<Flood, 255>::new();
+        for mut piece in stream.chunks(chunk) {
+            assert_eq!(receiver.receive(&mut piece), None);
+        }
+        assert_eq!(receiver.pending(), 254);
+        assert_eq!(JUDGED.get(), stream.len() - 254, "in chunks of {chunk}");
+        assert_eq!(receiver.reception().bad_frames as usize, JUDGED.get());
+    }
+}
+
+#[test]
+fn what_follows_a_frame_is_left_to_the_caller() {
+    let stream = [pms5005::ACK; 3].concat();
+    let (mut receiver, mut bytes) = (pms5005::Receiver::new(), &stream[..]);
+    for behind in [20, 10, 0] {
+        assert_eq!(receiver.receive(&mut bytes), Some(&pms5005::ACK[..]));
+        assert_eq!((bytes.len(), receiver.pending()), (behind, 0));
+    }
+    assert_eq!(receiver.receive(&mut bytes), None);
 }

@@ -6,7 +6,7 @@
 //! candidate that had its time is rejected.
 
 use embassy_time::{Duration, Instant};
-use protocol::deframe::{Deframer, Found, Framing, Reception};
+use protocol::deframe::{Deframer, Framing, Reception};
 
 /// How long a frame's bytes may pause.
 pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
@@ -42,53 +42,39 @@ impl<F: Framing, const N: usize> TimedReceiver<F, N> {
     /// Takes bytes from the front of `bytes` until a frame is complete; when none are left, gives
     /// up on what has had its time.
     ///
-    /// Call it until it answers `None`; the frame handed out is valid until the next call.
-    pub fn receive<'r, 'b: 'r>(
-        &'r mut self,
-        bytes: &mut &'b [u8],
-        now: Instant,
-    ) -> Option<&'r [u8]> {
+    /// Call it until it returns `None`; the frame is valid until the next call.
+    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<&[u8]> {
+        self.find(bytes, now).then(|| self.deframer.frame())
+    }
+
+    /// Whether there is a frame.
+    fn find(&mut self, bytes: &mut &[u8], now: Instant) -> bool {
         let anything_new = !bytes.is_empty();
         let skipped = self.reception().bytes_skipped;
-        if let Some(found) = self.deframer.find(bytes) {
+        if self.deframer.receive(bytes).is_some() {
+            // Without anything new, what was given up on goes on being searched: its times stand.
             if anything_new {
                 self.candidate = None;
             }
-            return Some(self.deframer.frame(found));
+            return true;
         }
-        if self.deframer.pending() == 0 {
-            self.candidate = None;
-            return None;
-        }
-        // Bytes skipped: what is pending now is another candidate than before.
-        let another = self.reception().bytes_skipped != skipped;
-        let (first, last) = match self.candidate {
-            Some((first, _)) if anything_new && !another => (first, now),
-            Some(candidate) if !anything_new => candidate,
+        // After a skip, what is pending is another candidate than before.
+        let same = self.reception().bytes_skipped == skipped;
+        let (mut first, last) = match self.candidate {
+            Some(times) if !anything_new => times,
+            Some((first, _)) if same => (first, now),
             _ => (now, now),
         };
-        self.candidate = Some((first, last));
-        self.give_up_in_time(first, last, now).then(|| self.deframer.frame(Found::Held))
-    }
-
-    /// Gives up on what has had its time: whether a frame was behind it.
-    fn give_up_in_time(&mut self, mut first: Instant, last: Instant, now: Instant) -> bool {
-        while self.deframer.pending() > 0 {
-            let is_found = if now >= last.saturating_add(LONGEST_PAUSE) {
-                self.deframer.find_held()
-            } else if now >= first.saturating_add(LONGEST_FRAME) {
-                first = now;
-                self.candidate = Some((now, last));
-                self.deframer.give_up_front()
-            } else {
-                return false;
-            };
-            if is_found {
-                return true;
-            }
-        }
-        self.candidate = None;
-        false
+        let found = if now >= last.saturating_add(LONGEST_PAUSE) {
+            self.deframer.give_up().is_some()
+        } else if now >= first.saturating_add(LONGEST_FRAME) {
+            first = now; // what is pending now has its own time
+            self.deframer.give_up_front().is_some()
+        } else {
+            false
+        };
+        self.candidate = (self.deframer.pending() > 0).then_some((first, last));
+        found
     }
 }
 

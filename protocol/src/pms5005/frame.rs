@@ -3,7 +3,8 @@
 //! There is no byte stuffing: DATA may hold both marks, so the length rules, never a search for
 //! the end mark. [`Receiver`] finds frames in a stream; [`Frame`] is one of them, taken apart.
 
-use super::checksum::checksum;
+use crc::{CRC_8_MAXIM_DOW, Crc, Table};
+
 use crate::deframe::{Deframer, Framing};
 
 /// Start of transmission (section II.1).
@@ -24,6 +25,10 @@ pub const OVERHEAD: usize = 9;
 pub const MAX_DATA: usize = 255;
 /// The longest frame.
 pub const MAX_FRAME: usize = OVERHEAD + MAX_DATA;
+
+/// The checksum over RID to DATA. The code of Figure II.1 is CRC-8/MAXIM: x^8 + x^5 + x^4 + 1,
+/// reflected (0x8C), initial value 0.
+const CRC: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&CRC_8_MAXIM_DOW);
 
 /// DATA under construction.
 pub type Data = heapless::Vec<u8, MAX_DATA>;
@@ -49,7 +54,7 @@ impl Framing for Pms5005 {
 
     fn is_intact(candidate: &[u8]) -> bool {
         candidate.split_last_chunk::<3>().is_some_and(|(body, [crc, end @ ..])| {
-            *end == ETX && checksum(body.get(RID..).unwrap_or_default()) == *crc
+            *end == ETX && CRC.checksum(body.get(RID..).unwrap_or_default()) == *crc
         })
     }
 }
@@ -133,7 +138,7 @@ impl<'a> Frame<'a> {
 /// Writes checksum and end mark over the last three bytes of a frame.
 pub(super) fn seal(frame: &mut [u8]) {
     if let Some((body, tail)) = frame.split_last_chunk_mut::<3>() {
-        let crc = checksum(body.get(STX.len()..).unwrap_or_default());
+        let crc = CRC.checksum(body.get(RID..).unwrap_or_default());
         *tail = [crc, ETX[0], ETX[1]];
     }
 }
@@ -141,6 +146,24 @@ pub(super) fn seal(frame: &mut [u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The C code of Figure II.1, transcribed.
+    fn figure_ii_1(bytes: &[u8]) -> u8 {
+        bytes.iter().fold(0, |register, &byte| {
+            (0..8).fold(register, |register, bit| {
+                let feedback = (register ^ (byte >> bit)) & 1;
+                (register >> 1) ^ (feedback * 0x8C)
+            })
+        })
+    }
+
+    #[test]
+    fn the_checksum_is_that_of_figure_ii_1() {
+        let bytes: Vec<u8> = (0..=255).collect();
+        for start in 0..256 {
+            assert_eq!(CRC.checksum(&bytes[start..]), figure_ii_1(&bytes[start..]));
+        }
+    }
 
     #[test]
     fn the_acknowledgement_of_section_iii_has_checksum_72() {

@@ -29,7 +29,6 @@
 //! | silence | The board sends telemetry or a ping (255, data 0) at least once a second. |
 //! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
 
-mod checksum;
 mod command;
 pub mod extension;
 mod frame;
@@ -37,7 +36,6 @@ mod motion;
 mod parameter;
 mod report;
 
-pub use checksum::checksum;
 pub use command::{CHANNELS, Channel, Command, LcdFrame, Refusal, Repeat, Reports, Scope};
 pub use frame::{
     Data, ETX, EncodeError, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, RES_NO_ACK, RID_HOST,
