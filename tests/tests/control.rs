@@ -201,12 +201,28 @@ fn a_wheel_that_was_jammed_finds_its_velocity_again() {
 }
 
 #[test]
+fn a_position_as_a_wheels_first_command_goes_by_its_encoder() {
+    for target in [1000, 6000] {
+        let mut bench = Bench::new();
+        bench.drive(Quantity::Position, 0, target, 2000);
+        bench.run_alive_with(1000, |bench| {
+            let line = bench.velocity(0);
+            assert!((-100.0..4000.0).contains(&line), "{line}");
+        });
+        bench.run_alive_ms(2000);
+        let at = bench.position(0);
+        assert!((at - i64::from(target)).abs() <= 20, "{target}: {at}");
+    }
+}
+
+#[test]
 fn joints_with_one_potentiometer_reach_their_angle_and_stop_at_its_ends() {
     for mut bench in [
         with_motor(MotorScene::with(ShaftSensor::Potentiometer)),
         reversed(ShaftSensor::Potentiometer),
     ] {
-        // The default sensor, the method implied by the DID.
+        // The method is implied by the DID; on channel 0 so would be the encoder.
+        bench.configure(&[Parameter::Sensor(Channel::ALL[0], Sensor::SinglePotentiometer)]);
         for target in [100, 4000, 2048] {
             bench.drive(Quantity::Position, 0, target, 0);
             bench.run_alive_ms(2500);

@@ -161,7 +161,7 @@ fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
         (7, &[0x86], Verdict::Unknown, 0),
         (7, &[0xFF], Verdict::Unknown, 0),
         (96, &[], Verdict::BadLength, 0),
-        (96, &[5, 0], Verdict::NoSuchSetting, 5),
+        (96, &[15, 0], Verdict::NoSuchSetting, 15),
         (97, &[0], Verdict::BadLength, 0),
         (98, &[1, 1], Verdict::BadLength, 0),
         (100, &[], Verdict::BadLength, 0),

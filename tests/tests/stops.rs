@@ -10,8 +10,8 @@ use hal_mock::board::Make;
 use proptest::prelude::*;
 use protocol::pms5005::extension::{Action, Assignments, Request};
 use protocol::pms5005::{
-    Addressing, Channel, Command, Data, Gain, Loop, Method, Move, Parameter, Polarity, Quantity, Repeat,
-    Reports, Scope, Sensor,
+    Addressing, Channel, Command, Data, Gain, Loop, Method, Move, Parameter, Polarity, Quantity,
+    Repeat, Reports, Scope, Sensor,
 };
 use tests::Bench;
 
@@ -268,6 +268,7 @@ fn a_stop_a_second_after_the_trip_clears_a_channels_latch_and_moves_nothing() {
         stop(&mut bench);
         bench.run_alive_ms(50);
         assert!(!is_latched(&bench));
+        assert_eq!(bench.bridge(WHEEL), (0, false));
         bench.run_alive_ms(COASTS_MS);
         assert_at_rest(&mut bench, "cleared by a stop");
         bench.drive(Quantity::Velocity, WHEEL, 1000, 0);

@@ -31,12 +31,9 @@ use crate::safety::channel::{self, ChannelMonitor, Observed};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
-use crate::units::{CONTROL_PERIOD_MS, Counts, CountsPerSecond};
+use crate::units::{CONTROL_PERIOD_MS, Counts};
 use shaft::{Shaft, angle};
 pub use snapshot::{ControlCounters, EncoderReading, ShownFault, Snapshot};
-
-/// An encoder that turns does so faster than this.
-const TURNS: CountsPerSecond = CountsPerSecond::const_from_int(256);
 
 /// The controller's state.
 pub struct Controller {
@@ -231,7 +228,6 @@ impl Controller {
             return output;
         }
         let axis = &self.axes[i];
-        let encoder = self.encoders.get(i).filter(|_| axis.sensor() != Sensor::Encoder);
         let observed = Observed {
             current: motion.currents[i],
             duty: output.duty,
@@ -240,8 +236,6 @@ impl Controller {
             method: axis.method(),
             error: axis.error(reading),
             sensor_is_chosen: axis.sensor_is_chosen(),
-            turns_elsewhere: !axis.sensor_is_chosen()
-                && encoder.is_some_and(|shaft| shaft.reading.velocity.saturating_abs() > TURNS),
         };
         match self.monitors[i].step(&observed, &self.settings.channel_faults) {
             Some((fault, values)) => {
@@ -380,10 +374,11 @@ impl Controller {
                 .check(method, target, self.sensor_for(channel, method))
                 .map_err(|reason| Refused::Axis(channel, reason))?;
         }
+        // A stop that clears a latch does no more.
+        let latched = self.faults.latched();
         for (channel, _) in moves().filter(|&(_, target)| is_stop(method, target)) {
             self.stopped_by_host(channel, motion);
         }
-        let latched = self.faults.latched();
         for (channel, target) in moves().filter(|&(channel, _)| !latched.stops_motor(channel)) {
             self.set_sensor(channel, self.sensor_for(channel, method), false, motion);
             let soft = &self.settings.soft_limits[channel.index()];

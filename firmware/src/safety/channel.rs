@@ -39,8 +39,6 @@ pub struct Observed {
     pub error: Counts,
     /// Whether the sensor was chosen for this channel; else nobody has said that there is one.
     pub sensor_is_chosen: bool,
-    /// The channel has another sensor than the one in use, and that one turns.
-    pub turns_elsewhere: bool,
 }
 
 /// A fault, and the values of [`Fault::values`].
@@ -144,12 +142,12 @@ impl ChannelMonitor {
         {
             self.found = Some(position);
             (self.stalled, self.silent) = (0, 0);
-        } else if is_driven || now.turns_elsewhere {
+        } else if is_driven {
             // The current of a shaft that is held fast is proportional to the drive.
             let of_full_drive = u32::from(now.current) << 14;
             let held = u32::from(settings.stall_current)
                 .saturating_mul(now.duty.raw().unsigned_abs().into());
-            if of_full_drive >= held && !now.turns_elsewhere {
+            if of_full_drive >= held {
                 self.stalled = self.stalled.saturating_add(1);
                 self.silent = 0;
             } else {

@@ -107,6 +107,12 @@ fn a_shaft_that_runs_away_from_its_set_point_is_a_tracking_error() {
     }
 }
 
+/// Whole Ki, as hosts of old send it: a word of hundredths.
+fn integral(ki: u16) -> Gain {
+    let [integer, fraction] = (100 * ki).to_le_bytes();
+    Gain::Integral { integer, fraction }
+}
+
 #[test]
 fn a_gain_that_makes_the_drive_swing_is_a_tracking_error() {
     let position = |kp, kd, ki| (Quantity::Position, Loop::Position, kp, kd, ki);
@@ -124,7 +130,7 @@ fn a_gain_that_makes_the_drive_swing_is_a_tracking_error() {
             Parameter::Sensor(WHEEL, Sensor::Encoder),
             Parameter::Gain(WHEEL, control_loop, Gain::Proportional(kp)),
             Parameter::Gain(WHEEL, control_loop, Gain::Derivative(kd)),
-            Parameter::Gain(WHEEL, control_loop, Gain::Integral { integer: ki, fraction: 0 }),
+            Parameter::Gain(WHEEL, control_loop, integral(ki)),
         ]);
         bench.drive(quantity, 0, 6000, 0);
         bench.run_alive_ms(10);
@@ -210,20 +216,20 @@ fn a_potentiometer_whose_wire_is_off_stops_its_joint_at_once() {
 fn a_loop_over_a_potentiometer_at_the_rail_does_not_run_for_long() {
     for (reads, target) in [(0, 3000), (4095, 1000)] {
         let mut bench = Bench::new();
-        change(&bench, |all| all.potentiometers[1] = Some(reads));
-        bench.drive(Quantity::Position, 1, target, 0);
+        change(&bench, |all| all.potentiometers[2] = Some(reads));
+        bench.drive(Quantity::Position, 2, target, 0);
         bench.run_alive_ms(5);
-        let off = until_off(&mut bench, 1, 1000);
+        let off = until_off(&mut bench, 2, 1000);
         assert!((240..=260).contains(&off), "{off}");
-        assert_eq!(latched(&bench), [(Fault::SensorLost, Some(Channel::ALL[1]))]);
+        assert_eq!(latched(&bench), [(Fault::SensorLost, Some(Channel::ALL[2]))]);
     }
 }
 
 #[test]
-fn a_position_command_to_a_wheel_without_potentiometer_stops_by_itself() {
-    // Hard, at half of full drive or more, and so softly that only the encoder tells.
-    for target in [4095, 2500, 2100, 1900] {
+fn a_wheel_over_a_potentiometer_that_was_chosen_and_is_not_there_stops_by_itself() {
+    for target in [4095, 2500] {
         let mut bench = Bench::new();
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::SinglePotentiometer)]);
         bench.drive(Quantity::Position, 0, target, 0);
         bench.run_alive_ms(5);
         let off = until_off(&mut bench, 0, 3000);
@@ -296,6 +302,7 @@ fn soft_limits_hold_a_shaft_and_let_it_come_back() {
 #[test]
 fn a_channel_that_is_latched_takes_no_part_in_a_command_and_the_others_do() {
     let mut bench = Bench::new();
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::SinglePotentiometer)]);
     bench.drive(Quantity::Position, 0, 4095, 0);
     bench.drive(Quantity::Velocity, 1, 2000, 0);
     bench.run_alive_ms(1500);
