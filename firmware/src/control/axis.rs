@@ -19,7 +19,7 @@
 use fixed::{FixedI32, types::extra::U24};
 use protocol::pms5005::{Loop, Method, Polarity, Sensor};
 
-use super::pid::{Error, Gains, HostGains, Limits, Pid, Rate};
+use super::pid::{Error, Gains, HostGains, Limits, Pid};
 use super::ring::Scale;
 use super::saturate;
 use super::trajectory::Ramp;
@@ -398,14 +398,14 @@ impl Axis {
         let error = scale(self.sensor).difference(Counts::from_bits(self.set_point), now.position);
         // On a ramp the shaft is meant to move: only what differs from the slope is damped.
         let rate = now.velocity.saturating_sub(slope);
-        let (error, rate) = (Error::of_position(error), Rate::of_position(rate));
+        let error = Error::of_position(error);
         self.pid.step(&self.position.gains, error, rate, self.forward(slope), limits)
     }
 
     fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> Drive {
         let set_point = CountsPerSecond::from_bits(self.set_point);
         let error = set_point.saturating_sub(now.velocity);
-        let (error, rate) = (Error::of_velocity(error), Rate::of_velocity(rate));
+        let error = Error::of_velocity(error);
         self.pid.step(&self.velocity.gains, error, rate, self.forward(set_point), limits)
     }
 

@@ -37,8 +37,3 @@ pub mod velocity;
 fn saturate(number: i64) -> i32 {
     i32::try_from(number).unwrap_or(if number < 0 { i32::MIN } else { i32::MAX })
 }
-
-/// The upper 32 of 64 bits.
-fn upper_half(number: i64) -> i32 {
-    i32::try_from(number >> 32).unwrap_or(0) // it always fits
-}

@@ -3,6 +3,7 @@
 //! they are due, as a compare channel does on the board.
 
 use core::cell::RefCell;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use core::task::Waker;
 
 use cortex_m::interrupt::InterruptNumber;
@@ -12,8 +13,6 @@ use critical_section::{CriticalSection, Mutex};
 use embassy_time_driver::Driver;
 use embassy_time_queue_utils::Queue;
 
-use crate::latency::{on_bell, on_byte};
-use crate::span::ALARM;
 use crate::{on_control, on_link};
 
 /// The timers' registers CTRL, VALUE, RELOAD, INTSTATUS.
@@ -32,15 +31,13 @@ pub const TICKS_PER_US: u32 = 25;
 const CPACR: *mut u32 = 0xE000_ED88 as *mut u32;
 const FPU_ACCESS: u32 = 0xF << 20;
 
-/// Interrupts: timer 1's own, and some that nobody else uses.
+/// Interrupts: timer 1's own, and two that nobody else uses.
 #[derive(Clone, Copy)]
 #[repr(u16)]
 pub enum Interrupt {
     Alarm = 9,
     Control = 20,
     Link = 21,
-    Bell = 22,
-    Byte = 23,
 }
 
 // SAFETY: the numbers are those of the vectors below.
@@ -62,8 +59,6 @@ static VECTORS: [Vector; 15 + 32] = {
     vectors[15 + Interrupt::Alarm as usize] = alarm;
     vectors[15 + Interrupt::Control as usize] = on_control;
     vectors[15 + Interrupt::Link as usize] = on_link;
-    vectors[15 + Interrupt::Bell as usize] = on_bell;
-    vectors[15 + Interrupt::Byte as usize] = on_byte;
     vectors
 };
 
@@ -82,13 +77,9 @@ unsafe extern "C" fn reset() {
         }
         TIMER_0.write_volatile(ENABLE);
         let mut core = cortex_m::Peripherals::steal();
-        for (interrupt, priority) in [
-            (Interrupt::Alarm, 0x00),
-            (Interrupt::Bell, 0x20),
-            (Interrupt::Byte, 0x20),
-            (Interrupt::Control, 0x40),
-            (Interrupt::Link, 0x80),
-        ] {
+        for (interrupt, priority) in
+            [(Interrupt::Alarm, 0x00), (Interrupt::Control, 0x40), (Interrupt::Link, 0x80)]
+        {
             core.NVIC.set_priority(interrupt, priority);
             NVIC::unmask(interrupt);
         }
@@ -150,10 +141,13 @@ impl Clock {
     }
 }
 
+/// The longest run of [`alarm`] so far, in ticks: the interrupt above control.
+pub static LONGEST_ALARM: AtomicU32 = AtomicU32::new(0);
+
 unsafe extern "C" fn alarm() {
-    ALARM.begin();
+    let began = ticks();
     // SAFETY: as above.
     unsafe { TIMER_1.add(INTSTATUS).write_volatile(1) };
     critical_section::with(|cs| CLOCK.arm(cs));
-    ALARM.end();
+    LONGEST_ALARM.fetch_max(ticks().wrapping_sub(began), Relaxed);
 }
