@@ -216,12 +216,14 @@ fn a_potentiometer_whose_wire_is_off_stops_its_joint_at_once() {
 fn a_loop_over_a_potentiometer_at_the_rail_does_not_run_for_long() {
     for (reads, target) in [(0, 3000), (4095, 1000)] {
         let mut bench = Bench::new();
-        change(&bench, |all| all.potentiometers[2] = Some(reads));
-        bench.drive(Quantity::Position, 2, target, 0);
+        change(&bench, |all| all.potentiometers[1] = Some(reads));
+        let wheel = Channel::ALL[1];
+        bench.configure(&[Parameter::Sensor(wheel, Sensor::SinglePotentiometer)]);
+        bench.drive(Quantity::Position, 1, target, 0);
         bench.run_alive_ms(5);
-        let off = until_off(&mut bench, 2, 1000);
+        let off = until_off(&mut bench, 1, 1000);
         assert!((240..=260).contains(&off), "{off}");
-        assert_eq!(latched(&bench), [(Fault::SensorLost, Some(Channel::ALL[2]))]);
+        assert_eq!(latched(&bench), [(Fault::SensorLost, Some(wheel))]);
     }
 }
 
