@@ -9,8 +9,7 @@
 //! - The frames found do not depend on how the stream was cut into chunks.
 //! - Every byte is accounted for: it was part of a frame, was skipped and counted, or is pending.
 //! - What follows a frame is left to the caller, unless a rejected candidate reached beyond it.
-//! - A candidate is judged by its header whenever bytes come, and as a whole once. What is held
-//!   moves only to make room for more.
+//! - A candidate is judged as a whole once. What is held moves only to make room for more.
 //!
 //! A candidate that noise has made (`5E 02` with a large length, say) holds up what follows until
 //! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
@@ -51,6 +50,8 @@ pub struct Deframer<F, const N: usize> {
     /// The pending bytes are those from `front` to `end`.
     front: usize,
     end: usize,
+    /// With fewer pending bytes than this there is nothing to decide.
+    needed: usize,
     /// Where the frame lies that was found last.
     frame: Range<usize>,
     reception: Reception,
@@ -75,6 +76,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
             buffer: [0; N],
             front: 0,
             end: 0,
+            needed: 1,
             frame: 0..0,
             reception: Reception { frames_ok: 0, bad_frames: 0, bytes_skipped: 0 },
             framing: PhantomData,
@@ -88,7 +90,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
 
     /// How many bytes wait for the rest of their frame.
     pub fn pending(&self) -> usize {
-        self.held().len()
+        self.end.saturating_sub(self.front)
     }
 
     /// Takes bytes from the front of `bytes` until a frame is complete or `bytes` is empty.
@@ -120,20 +122,29 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         self.buffer.get(self.frame.clone()).unwrap_or_default()
     }
 
-    /// Looks for a frame in what is pending and in `bytes`. When these are used up, the candidate
-    /// that needs more is rejected if the line is `silent`, and else waited for.
+    /// Looks for a frame in what is pending and in `bytes`. When these are used up, a candidate that
+    /// needs more is rejected if the line is `silent`, and else waited for.
     fn find(&mut self, bytes: &mut &[u8], silent: bool) -> Option<&[u8]> {
+        let chunk = *bytes;
         loop {
-            match self.judge() {
-                Verdict::Frame(length) => {
-                    self.frame = self.front..self.front.saturating_add(length);
-                    self.front = self.frame.end;
-                    self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
-                    return Some(self.frame());
+            self.fill(bytes);
+            if self.pending() >= self.needed {
+                match self.judge() {
+                    Verdict::Frame(length) => {
+                        self.frame = self.front..self.front.saturating_add(length);
+                        self.front = self.frame.end;
+                        self.needed = 1;
+                        self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
+                        self.give_back(chunk, bytes);
+                        return Some(self.frame());
+                    }
+                    Verdict::Needs(count) => self.needed = count,
+                    Verdict::Rejected => self.reject(),
                 }
-                Verdict::Needs(count) if !bytes.is_empty() => self.take(bytes, count),
-                Verdict::Needs(_) if !silent || self.pending() == 0 => return None,
-                Verdict::Needs(_) | Verdict::Rejected => self.reject(),
+            } else if silent && self.pending() > 0 {
+                self.reject();
+            } else {
+                return None;
             }
         }
     }
@@ -144,7 +155,8 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
             return Verdict::Rejected;
         }
         let Some(header) = held.get(..F::HEADER) else {
-            return Verdict::Needs(F::HEADER);
+            let is_begun = held.len() >= F::START.len();
+            return Verdict::Needs(if is_begun { F::HEADER } else { F::START.len() });
         };
         match F::length(header) {
             Some(length) if (F::HEADER..=N).contains(&length) => match held.get(..length) {
@@ -156,20 +168,35 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         }
     }
 
-    /// Takes bytes until `count` are pending, or all there are. There is room for them, since no
-    /// frame is longer than the buffer.
-    fn take(&mut self, bytes: &mut &[u8], count: usize) {
+    /// Takes as many bytes as the buffer has room for: enough for a decision, since no frame is
+    /// longer.
+    fn fill(&mut self, bytes: &mut &[u8]) {
+        if bytes.is_empty() {
+            return;
+        }
         if self.front > 0 {
             self.buffer.copy_within(self.front..self.end, 0);
             self.end = self.pending();
             self.front = 0;
         }
-        let missing = count.saturating_sub(self.end).min(bytes.len());
-        let taken = bytes.split_off(..missing).unwrap_or_default();
-        for (place, byte) in self.buffer.iter_mut().skip(self.end).zip(taken) {
+        let room = self.buffer.get_mut(self.end..).unwrap_or_default();
+        let taken = bytes.split_off(..room.len().min(bytes.len())).unwrap_or_default();
+        for (place, byte) in room.iter_mut().zip(taken) {
             *place = *byte;
         }
         self.end = self.end.saturating_add(taken.len());
+    }
+
+    /// Gives back those of the pending bytes that were taken from `chunk`, of which `bytes` is the
+    /// rest.
+    fn give_back<'b>(&mut self, chunk: &'b [u8], bytes: &mut &'b [u8]) {
+        let taken = chunk.len().saturating_sub(bytes.len());
+        let count = self.pending().min(taken);
+        *bytes = chunk.get(taken.saturating_sub(count)..).unwrap_or_default();
+        self.end = self.end.saturating_sub(count);
+        if self.pending() == 0 {
+            (self.front, self.end) = (0, 0);
+        }
     }
 
     /// Skips the first pending byte, and what follows up to the next that could begin a frame.
@@ -182,6 +209,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         *bad_frames = bad_frames.wrapping_add(u32::from(is_bad_frame));
         *bytes_skipped = bytes_skipped.wrapping_add(u32::try_from(skipped).unwrap_or(u32::MAX));
         self.front = self.front.saturating_add(skipped);
+        self.needed = 1;
     }
 
     /// The pending bytes.
