@@ -58,11 +58,11 @@ fn a_list_with_one_bad_entry_does_nothing() {
 #[test]
 fn a_compound_of_parameters_with_one_bad_one_changes_nothing() {
     let mut bench = Bench::quiet();
-    // Encoder and position method for channel 0, then a method that does not exist.
-    refused(&mut bench, did::PARAMETERS, &[0x0D, 0, 2, 0x0E, 0, 1, 0x0E, 1, 9]);
-    // So the DID still implies the method, and the potentiometer's range still holds.
-    refused(&mut bench, did::POSITION, &[0, 0x70, 0x17]);
-    bench.drive(Quantity::Pwm, 0, 20_000, 0);
+    // Both potentiometers and position method for channel 2, then a method that does not exist.
+    refused(&mut bench, did::PARAMETERS, &[0x0D, 2, 1, 0x0E, 2, 1, 0x0E, 1, 9]);
+    // So the DID still implies the method, and one potentiometer's range still holds: not 4200.
+    refused(&mut bench, did::POSITION, &[2, 0x68, 0x10]);
+    bench.drive(Quantity::Pwm, 2, 20_000, 0);
     bench.run_ms(20);
-    assert_eq!(bench.bridge(0), (3616, true));
+    assert_eq!(bench.bridge(2), (3616, true));
 }

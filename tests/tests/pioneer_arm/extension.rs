@@ -143,7 +143,7 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
         (101, &[6, 0, 1], Verdict::Unknown, 0),
         (101, &[], Verdict::Unknown, 0),
         (96, &[], Verdict::BadLength, 0),
-        (96, &[5, 0], Verdict::NoSuchSetting, 5),
+        (96, &[15, 0], Verdict::NoSuchSetting, 15),
         (97, &[0], Verdict::BadLength, 0),
         (98, &[1, 1], Verdict::BadLength, 0),
         (100, &[], Verdict::BadLength, 0),
