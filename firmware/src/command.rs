@@ -34,10 +34,8 @@ pub enum Command {
         /// Control periods until the pulse width is there; 0 is at once.
         periods: u16,
     },
-    /// Change parameters of DC channels, and the collision protection.
-    Configure(Configuration),
-    /// Go by these settings from now on.
-    Adopt(ControlSettings),
+    /// Put the [`SetUp`] that waits beside the commands into force.
+    SetUp,
     /// Suspend (`run` false) or resume.
     Run {
         /// Whom.
@@ -54,6 +52,20 @@ pub enum Command {
     ShowFault(u8),
     /// Keep on record what only somebody else can see.
     Record(Fault),
+}
+
+// While one is copied into the queue or out of it interrupts are off, and control waits.
+const _: () = assert!(size_of::<Command>() <= 36);
+
+/// What is too large to be queued with the commands. One at a time waits beside them, and
+/// [`Command::SetUp`] stands in its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum SetUp {
+    /// Change parameters of DC channels, and the collision protection.
+    Parameters(Configuration),
+    /// Go by these settings from now on.
+    Settings(ControlSettings),
 }
 
 /// The new parameters of a frame; `None` leaves one as it is. Of two values for the same the later

@@ -9,14 +9,13 @@
 //! - The frames found do not depend on how the stream was cut into chunks.
 //! - Every byte is accounted for: it was part of a frame, was skipped and counted, or is pending.
 //! - What follows a frame is left to the caller, unless a rejected candidate reached beyond it.
-//! - A candidate is judged as a whole once. What is held moves only to make room for more.
+//! - A candidate is judged as a whole once.
 //!
 //! A candidate that noise has made (`5E 02` with a large length, say) holds up what follows until
 //! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
 //! [`Deframer::give_up`] when the line has been silent for too long.
 
 use core::marker::PhantomData;
-use core::ops::Range;
 
 /// What the receiver must know of a format. All that we speak begin with two fixed bytes and
 /// carry their length in a header.
@@ -46,26 +45,15 @@ pub struct Reception {
 
 /// A receiver for frames of at most `N` bytes. See the [module](self) for what it promises.
 pub struct Deframer<F, const N: usize> {
+    /// What is held stands at the front: the frame that was returned last, if any, and the pending
+    /// bytes.
     buffer: [u8; N],
-    /// The pending bytes are those from `front` to `end`.
-    front: usize,
-    end: usize,
-    /// With fewer pending bytes than this there is nothing to decide.
-    needed: usize,
-    /// Where the frame lies that was found last.
-    frame: Range<usize>,
+    held: usize,
+    returned: usize,
+    /// Of the candidate at the front, once its header is there; else 0.
+    length: usize,
     reception: Reception,
     framing: PhantomData<F>,
-}
-
-/// What can be said of the pending bytes.
-enum Verdict {
-    /// They begin with a frame of this length.
-    Frame(usize),
-    /// Nothing before this many bytes are there.
-    Needs(usize),
-    /// No frame begins with the first of them.
-    Rejected,
 }
 
 impl<F: Framing, const N: usize> Deframer<F, N> {
@@ -74,10 +62,9 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         const { assert!(F::HEADER >= F::START.len() && N >= F::HEADER) };
         Self {
             buffer: [0; N],
-            front: 0,
-            end: 0,
-            needed: 1,
-            frame: 0..0,
+            held: 0,
+            returned: 0,
+            length: 0,
             reception: Reception { frames_ok: 0, bad_frames: 0, bytes_skipped: 0 },
             framing: PhantomData,
         }
@@ -90,7 +77,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
 
     /// How many bytes wait for the rest of their frame.
     pub fn pending(&self) -> usize {
-        self.end.saturating_sub(self.front)
+        self.held.saturating_sub(self.returned)
     }
 
     /// Takes bytes from the front of `bytes` until a frame is complete or `bytes` is empty.
@@ -113,108 +100,89 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     ///
     /// More may be complete: go on with [`receive`](Self::receive).
     pub fn give_up_front(&mut self) -> Option<&[u8]> {
+        self.release();
         self.reject();
         self.find(&mut &[][..], false)
     }
 
     /// The frame that the last call returned, for callers whose own borrow ended in between.
     pub fn frame(&self) -> &[u8] {
-        self.buffer.get(self.frame.clone()).unwrap_or_default()
+        self.buffer.get(..self.returned).unwrap_or_default()
     }
 
-    /// Looks for a frame in what is pending and in `bytes`. When these are used up, a candidate that
-    /// needs more is rejected if the line is `silent`, and else waited for.
+    /// Takes as many bytes as the next decision needs, and decides, until a frame is complete or
+    /// `bytes` are used up. Then a candidate that needs more is rejected if the line is `silent`, and
+    /// else waited for.
     fn find(&mut self, bytes: &mut &[u8], silent: bool) -> Option<&[u8]> {
-        let chunk = *bytes;
+        self.release();
         loop {
-            self.fill(bytes);
-            if self.pending() >= self.needed {
-                match self.judge() {
-                    Verdict::Frame(length) => {
-                        self.frame = self.front..self.front.saturating_add(length);
-                        self.front = self.frame.end;
-                        self.needed = 1;
-                        self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
-                        self.give_back(chunk, bytes);
-                        return Some(self.frame());
-                    }
-                    Verdict::Needs(count) => self.needed = count,
-                    Verdict::Rejected => self.reject(),
+            let needed = if self.length > 0 { self.length } else { F::HEADER };
+            self.take(bytes, needed);
+            let Some(candidate) = self.buffer.get(..self.held).and_then(|held| held.get(..needed))
+            else {
+                if self.held == 0 || (!silent && (self.length > 0 || self.begins_like_a_frame())) {
+                    return None;
                 }
-            } else if silent && self.pending() > 0 {
                 self.reject();
+                continue;
+            };
+            if self.length == 0 {
+                match F::length(candidate).filter(|_| candidate.starts_with(&F::START)) {
+                    Some(length) if (F::HEADER..=N).contains(&length) => self.length = length,
+                    _ => self.reject(),
+                }
+            } else if F::is_intact(candidate) {
+                self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
+                (self.returned, self.length) = (needed, 0);
+                return Some(self.frame());
             } else {
-                return None;
+                self.reject();
             }
         }
     }
 
-    fn judge(&self) -> Verdict {
-        let held = self.held();
-        if held.iter().zip(F::START).any(|(byte, start)| *byte != start) {
-            return Verdict::Rejected;
-        }
-        let Some(header) = held.get(..F::HEADER) else {
-            let is_begun = held.len() >= F::START.len();
-            return Verdict::Needs(if is_begun { F::HEADER } else { F::START.len() });
-        };
-        match F::length(header) {
-            Some(length) if (F::HEADER..=N).contains(&length) => match held.get(..length) {
-                None => Verdict::Needs(length),
-                Some(candidate) if F::is_intact(candidate) => Verdict::Frame(length),
-                Some(_) => Verdict::Rejected,
-            },
-            _ => Verdict::Rejected,
-        }
-    }
-
-    /// Takes as many bytes as the buffer has room for: enough for a decision, since no frame is
-    /// longer.
-    fn fill(&mut self, bytes: &mut &[u8]) {
-        if bytes.is_empty() {
-            return;
-        }
-        if self.front > 0 {
-            self.buffer.copy_within(self.front..self.end, 0);
-            self.end = self.pending();
-            self.front = 0;
-        }
-        let room = self.buffer.get_mut(self.end..).unwrap_or_default();
-        let taken = bytes.split_off(..room.len().min(bytes.len())).unwrap_or_default();
+    /// Holds bytes from the front of `bytes`, up to so many in all.
+    fn take(&mut self, bytes: &mut &[u8], needed: usize) {
+        let missing = needed.saturating_sub(self.held).min(bytes.len());
+        let taken = bytes.split_off(..missing).unwrap_or_default();
+        let room = self.buffer.get_mut(self.held..).unwrap_or_default();
         for (place, byte) in room.iter_mut().zip(taken) {
             *place = *byte;
         }
-        self.end = self.end.saturating_add(taken.len());
+        self.held = self.held.saturating_add(missing);
     }
 
-    /// Gives back those of the pending bytes that were taken from `chunk`, of which `bytes` is the
-    /// rest.
-    fn give_back<'b>(&mut self, chunk: &'b [u8], bytes: &mut &'b [u8]) {
-        let taken = chunk.len().saturating_sub(bytes.len());
-        let count = self.pending().min(taken);
-        *bytes = chunk.get(taken.saturating_sub(count)..).unwrap_or_default();
-        self.end = self.end.saturating_sub(count);
-        if self.pending() == 0 {
-            (self.front, self.end) = (0, 0);
-        }
+    fn begins_like_a_frame(&self) -> bool {
+        self.buffer.iter().take(self.held).zip(F::START).all(|(byte, start)| *byte == start)
     }
 
     /// Skips the first pending byte, and what follows up to the next that could begin a frame.
     fn reject(&mut self) {
-        let held = self.held();
+        let held = self.buffer.get(..self.held).unwrap_or_default();
         let is_bad_frame = held.len() >= F::HEADER && held.starts_with(&F::START);
         let next = (1..).zip(held.iter().skip(1)).find(|(_, byte)| **byte == F::START[0]);
         let skipped = next.map_or(held.len(), |(place, _)| place);
         let Reception { bad_frames, bytes_skipped, .. } = &mut self.reception;
         *bad_frames = bad_frames.wrapping_add(u32::from(is_bad_frame));
         *bytes_skipped = bytes_skipped.wrapping_add(u32::try_from(skipped).unwrap_or(u32::MAX));
-        self.front = self.front.saturating_add(skipped);
-        self.needed = 1;
+        self.drop_front(skipped);
+        self.length = 0;
     }
 
-    /// The pending bytes.
-    fn held(&self) -> &[u8] {
-        self.buffer.get(self.front..self.end).unwrap_or_default()
+    /// Lets go of the frame that was returned.
+    fn release(&mut self) {
+        if self.returned > 0 {
+            self.drop_front(self.returned);
+            self.returned = 0;
+        }
+    }
+
+    /// Drops the first of the bytes held.
+    fn drop_front(&mut self, count: usize) {
+        if count < self.held {
+            self.buffer.copy_within(count..self.held, 0);
+        }
+        self.held = self.held.saturating_sub(count);
     }
 }
 

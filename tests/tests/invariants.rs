@@ -7,7 +7,7 @@
 use std::thread;
 
 use embassy_time::Instant;
-use firmware::command::Command;
+use firmware::command::{Command, Configuration, SetUp};
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
@@ -193,14 +193,16 @@ impl Model {
                     }
                 }
             }
-            Command::Configure(configuration) => {
-                for (reversed, channel) in self.reversed.iter_mut().zip(configuration.channels) {
-                    if let Some(polarity) = channel.polarity {
-                        *reversed = polarity == Polarity::Negative;
-                    }
-                }
-            }
             _ => {}
+        }
+    }
+
+    /// New parameters were taken.
+    fn take_parameters(&mut self, configuration: &Configuration) {
+        for (reversed, channel) in self.reversed.iter_mut().zip(configuration.channels) {
+            if let Some(polarity) = channel.polarity {
+                *reversed = polarity == Polarity::Negative;
+            }
         }
     }
 
@@ -306,9 +308,13 @@ fn chaos(seed: u64) -> [u32; 32] {
 
         // A frame at a time, so that it is known which of them was refused.
         let signs = session.signs_of_life();
+        let mut set_up = None;
         let command = loop {
             match session.receive(&mut bytes, now) {
-                Some(Request::Control(command)) => break Some(command),
+                Some(Request::Control(command)) => {
+                    set_up = session.take_set_up();
+                    break Some(command);
+                }
                 Some(_) => {}
                 None => break None,
             }
@@ -326,7 +332,11 @@ fn chaos(seed: u64) -> [u32; 32] {
             sensors = plant.sensors();
         }
         let before = snapshot;
-        snapshot = controller.step(command, &motion, &sensors, session.signs_of_life());
+        if let Some(SetUp::Parameters(configuration)) = &set_up {
+            model.take_parameters(configuration);
+        }
+        snapshot =
+            controller.step(command, || set_up.take(), &motion, &sensors, session.signs_of_life());
         plant.outputs = snapshot.outputs;
 
         if let Some(command) = command

@@ -1,7 +1,7 @@
 //! What the host sends reaches the controller in the order of the line, whatever the board is doing.
 
 use embassy_time::Instant;
-use firmware::command::{Command, Configuration};
+use firmware::command::{Command, Configuration, SetUp};
 use firmware::personality::pms5005::Pms5005;
 use firmware::personality::{Boot, Request, Session};
 use firmware::settings::Settings;
@@ -41,13 +41,14 @@ fn a_motion_command_behind_a_save_and_new_parameters_finds_them() {
     assert_eq!([0, 1, 2, 3, 4, 5].map(|motor| bench.bridge(motor)), [(2000, true); 6]);
 }
 
-/// What a session asks of the controller for one frame.
-fn asked(did: u8, data: &[u8]) -> Vec<Request> {
+/// What a session asks of the controller for one frame, and what that puts into force.
+fn asked(did: u8, data: &[u8]) -> (Vec<Request>, Option<SetUp>) {
     let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
     let mut buffer = [0; 264];
     let frame = Frame { rid: 1, res: 0, did, data }.encode(&mut buffer).unwrap();
     let mut bytes = &frame[..];
-    std::iter::from_fn(|| session.receive(&mut bytes, Instant::MIN)).collect()
+    let asked = std::iter::from_fn(|| session.receive(&mut bytes, Instant::MIN)).collect();
+    (asked, session.take_set_up())
 }
 
 #[test]
@@ -61,7 +62,8 @@ fn the_parameters_of_a_frame_are_one_command_and_so_are_settings_set_together() 
     let mut configuration = Configuration::default();
     Parameters::parse(&data).unwrap().iter().for_each(|p| configuration.add(p).unwrap());
     let asked_for = asked(did::PARAMETERS, &data);
-    assert_eq!(asked_for, [Request::Control(Command::Configure(configuration))]);
+    let one = vec![Request::Control(Command::SetUp)];
+    assert_eq!(asked_for, (one.clone(), Some(SetUp::Parameters(configuration))));
 
     let mut settings = Settings::DEFAULT;
     let mut data = Data::new();
@@ -72,7 +74,7 @@ fn the_parameters_of_a_frame_are_one_command_and_so_are_settings_set_together() 
     }
     assert_ne!(settings.control.board_faults, Settings::DEFAULT.control.board_faults);
     let asked_for = asked(did::PARAMETERS, &data);
-    assert_eq!(asked_for, [Request::Control(Command::Adopt(settings.control))]);
+    assert_eq!(asked_for, (one, Some(SetUp::Settings(settings.control))));
 }
 
 #[test]

@@ -4,7 +4,7 @@
 //! Inputs come from an integer generator, not from the simulated plant, so that nothing but the
 //! controller's own arithmetic is in the digest.
 
-use firmware::command::{Command, Configuration};
+use firmware::command::{Command, Configuration, SetUp};
 use firmware::controller::Controller;
 use firmware::ports::{MotionInputs, Sensors};
 use firmware::settings::Settings;
@@ -21,7 +21,7 @@ impl Digest {
     }
 }
 
-fn configuration() -> Command {
+fn configuration() -> SetUp {
     let mut configuration = Configuration::default();
     let [c0, c1, c2, c3, ..] = Channel::ALL;
     for parameter in [
@@ -34,11 +34,11 @@ fn configuration() -> Command {
     ] {
         configuration.add(parameter).unwrap();
     }
-    Command::Configure(configuration)
+    SetUp::Parameters(configuration)
 }
 
 /// Another polarity and another method every time.
-fn toggled(period: u32) -> Command {
+fn toggled(period: u32) -> SetUp {
     let mut configuration = Configuration::default();
     let [_, c1, c2, c3, ..] = Channel::ALL;
     let odd = period / 1000 % 2 == 1;
@@ -54,7 +54,7 @@ fn toggled(period: u32) -> Command {
     ] {
         configuration.add(parameter).unwrap();
     }
-    Command::Configure(configuration)
+    SetUp::Parameters(configuration)
 }
 
 #[test]
@@ -80,8 +80,12 @@ fn the_controller_gives_these_bits_on_every_machine() {
             *reading = (*reading + random(8) as u16).saturating_sub(3).min(4095);
         }
         let all = |target: i16| [Some(target), None, Some(target), Some(target), None, None];
-        let commands = match period % 1000 {
+        let mut set_up = match period % 1000 {
             0 if period == 0 => Some(configuration()),
+            950 => Some(toggled(period)),
+            _ => None,
+        };
+        let commands = match period % 1000 {
             100 => Some(Command::Drive {
                 method: Method::Position,
                 targets: all(random(4096) as i16),
@@ -102,14 +106,13 @@ fn the_controller_gives_these_bits_on_every_machine() {
             }),
             850 => Some(Command::Run { scope: Scope::All, run: period % 2000 < 1000 }),
             900 => Some(Command::Run { scope: Scope::All, run: true }),
-            950 => Some(toggled(period)),
-            _ => None,
+            _ => set_up.map(|_| Command::SetUp),
         };
         // An obstacle comes and goes; the host falls silent for three seconds of every eight.
         let sonar_cm = [if period % 700 < 100 { 20 } else { 255 }; 6];
         let sensors = Sensors { sonar_cm, ..Sensors::UNKNOWN };
         let link_frames = period - period % 8000 + (period % 8000).min(5000);
-        let snapshot = controller.step(commands, &inputs, &sensors, link_frames);
+        let snapshot = controller.step(commands, || set_up.take(), &inputs, &sensors, link_frames);
         for motor in snapshot.outputs.motors {
             digest.take(motor.duty.raw().into());
         }

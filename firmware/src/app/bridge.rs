@@ -26,7 +26,7 @@ use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embassy_sync::signal::Signal;
-use embassy_time::{Instant, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
 
 use super::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
@@ -154,11 +154,12 @@ pub async fn bridge_bus<M: RawMutex>(
     let mut buffer = [0; CHUNK];
     let mut checked = Instant::now();
     loop {
-        let now = Instant::now();
-        if channels.roll_call.check(now - checked, false) != Liveness::Hung {
+        let passed_ms = checked.elapsed().as_millis();
+        checked += Duration::from_millis(passed_ms); // what is less counts the next time
+        let passed_ms = u16::try_from(passed_ms).unwrap_or(u16::MAX);
+        if channels.roll_call.check(passed_ms, false) != Liveness::Hung {
             feed();
         }
-        checked = now;
         let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
         channels.notify(bridge);
         if let Some(packet) = packet {

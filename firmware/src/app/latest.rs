@@ -24,7 +24,7 @@ impl<M: RawMutex, T: Copy> Latest<M, T> {
     }
 
     /// Replaces the value.
-    pub fn set(&self, value: T) {
-        self.0.lock(|cell| cell.set(value));
+    pub fn set(&self, value: &T) {
+        self.0.lock(|cell| cell.set(*value));
     }
 }

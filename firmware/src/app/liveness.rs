@@ -15,7 +15,7 @@
 //! critical section, an interrupt handler, a log. And control may be late by 35 ms without a bite.
 //!
 //! Before every task has answered once nothing may be driven. Then, and while commands are held back
-//! for upkeep, silence is excused, for [`LONGEST_EXCUSE`].
+//! for upkeep, silence is excused, for a second.
 
 use core::cell::Cell;
 
@@ -33,7 +33,7 @@ pub(super) const LONGEST_SILENCE: Duration = Duration::from_millis(90);
 pub(super) const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
 /// Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash), the
 /// farewell before a restart 100 ms. embassy's clock stands still while a sector is erased.
-const LONGEST_EXCUSE: Duration = Duration::from_secs(1);
+const LONGEST_EXCUSE_MS: u16 = 1000;
 
 /// What the controller's watchdog bears without food, by the nominal LSI of 32 kHz: 205 counts of 8
 /// cycles.
@@ -60,50 +60,52 @@ pub(super) enum Liveness {
 /// How long each of `TASKS` tasks has been silent, by the feeder's time: while the feeder itself is
 /// held up, nobody's silence grows.
 pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
-    longest_silence: Duration,
+    longest_silence_ms: u16,
     state: Mutex<M, Cell<State<TASKS>>>,
 }
 
 #[derive(Clone, Copy)]
 struct State<const TASKS: usize> {
-    /// `None` before a task has answered for the first time.
-    silence: [Option<Duration>; TASKS],
-    /// For how long silence has been excused.
-    excused: Duration,
+    /// In ms; `None` before a task has answered for the first time.
+    silence: [Option<u16>; TASKS],
+    /// For how many ms silence has been excused.
+    excused: u16,
     has_hung: bool,
 }
 
 impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
     /// Nobody has answered yet.
     pub(super) const fn new(longest_silence: Duration) -> Self {
-        let state =
-            State { silence: [None; TASKS], excused: Duration::from_ticks(0), has_hung: false };
-        Self { longest_silence, state: Mutex::new(Cell::new(state)) }
+        let state = State { silence: [None; TASKS], excused: 0, has_hung: false };
+        Self {
+            longest_silence_ms: longest_silence.as_millis() as u16, // 200 at the most
+            state: Mutex::new(Cell::new(state)),
+        }
     }
 
     /// The task of this number, from 0, answers.
     pub(super) fn answer(&self, task: usize) {
         self.change(|state| {
             if let Some(silence) = state.silence.get_mut(task) {
-                *silence = Some(Duration::from_ticks(0));
+                *silence = Some(0);
             }
         });
     }
 
-    /// The feeder checks, so much time after its last check. With `held` commands are held back, and
+    /// The feeder checks, so many ms after its last check. With `held` commands are held back, and
     /// who waits for one to be carried out has not hung.
-    pub(super) fn check(&self, passed: Duration, held: bool) -> Liveness {
+    pub(super) fn check(&self, passed_ms: u16, held: bool) -> Liveness {
         self.change(|state| {
             let has_begun = !state.silence.contains(&None);
             if has_begun && !held {
-                state.excused = Duration::from_ticks(0);
+                state.excused = 0;
                 for silence in state.silence.iter_mut().flatten() {
-                    *silence += passed;
-                    state.has_hung |= *silence > self.longest_silence;
+                    *silence = silence.saturating_add(passed_ms);
+                    state.has_hung |= *silence > self.longest_silence_ms;
                 }
             } else {
-                state.excused += passed;
-                state.has_hung |= state.excused > LONGEST_EXCUSE;
+                state.excused = state.excused.saturating_add(passed_ms);
+                state.has_hung |= state.excused > LONGEST_EXCUSE_MS;
             }
             match (state.has_hung, has_begun) {
                 (true, _) => Liveness::Hung,

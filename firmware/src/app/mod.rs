@@ -36,10 +36,11 @@ use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
 use protocol::pms5005::extension::Fault;
 
-use crate::command::Command;
+use crate::command::{Command, SetUp};
 use crate::controller::{Controller, Snapshot};
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
+use crate::settings::Settings;
 use crate::settings::store::Store;
 use crate::units::CONTROL_PERIOD_MS;
 pub use bridge::{BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_transmit};
@@ -74,6 +75,9 @@ const TASKS: usize = 4;
 /// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
+    /// What is too large for that queue, one at a time: while it is copied interrupts are off, for 33
+    /// words, some 0.4 us.
+    set_ups: Channel<M, SetUp, 1>,
     pictures: Channel<M, Picture, PICTURES>,
     roll_call: RollCall<M, TASKS>,
     /// The newest state of the controller.
@@ -85,7 +89,7 @@ pub struct Channels<M: RawMutex, C: Copy> {
     /// The host's signs of life: [`Session::signs_of_life`].
     signs_of_life: Latest<M, u32>,
     /// One at a time: the session waits for what came of it.
-    upkeep: Channel<M, Upkeep, 1>,
+    upkeep: Channel<M, (Upkeep, Settings), 1>,
     upkeep_done: Signal<M, Result<(), UpkeepRefused>>,
     /// No command is to be carried out.
     hold: Latest<M, bool>,
@@ -96,6 +100,7 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
     pub fn new() -> Self {
         Self {
             commands: Channel::new(),
+            set_ups: Channel::new(),
             pictures: Channel::new(),
             roll_call: RollCall::new(LONGEST_SILENCE),
             snapshot: Latest::new(Snapshot::BOOT),
@@ -150,11 +155,12 @@ pub async fn control<M: RawMutex, C: Copy>(
         let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
         let mut snapshot = controller.step(
             commands.take(most),
+            || channels.set_ups.try_receive().ok(),
             &motion,
             &channels.sensors.get(),
             channels.signs_of_life.get(),
         );
-        let liveness = channels.roll_call.check(CONTROL_PERIOD, is_held);
+        let liveness = channels.roll_call.check(CONTROL_PERIOD_MS as u16, is_held);
         if liveness != Liveness::Alive {
             snapshot.outputs = Outputs::default();
         }
@@ -164,7 +170,7 @@ pub async fn control<M: RawMutex, C: Copy>(
         }
         worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
-        channels.snapshot.set(snapshot);
+        channels.snapshot.set(&snapshot);
     }
 }
 
@@ -196,11 +202,11 @@ pub async fn upkeep<M: RawMutex, C: Copy>(
         let (result, program) = match channels.upkeep.try_receive() {
             Err(_) => continue,
             Ok(_) if !is_off => (Err(UpkeepRefused::OutputsOn), None),
-            Ok(Upkeep::Start(program)) if !system.can_start(program) => {
+            Ok((Upkeep::Start(program), _)) if !system.can_start(program) => {
                 (Err(UpkeepRefused::NotAvailable), None)
             }
-            Ok(Upkeep::Start(program)) => (Ok(()), Some(program)),
-            Ok(Upkeep::Save(settings)) => {
+            Ok((Upkeep::Start(program), _)) => (Ok(()), Some(program)),
+            Ok((Upkeep::Save, settings)) => {
                 let saved = store.save(&settings, || system.before_erase());
                 (saved.map_err(|_| UpkeepRefused::FlashFailed), None)
             }
@@ -210,7 +216,7 @@ pub async fn upkeep<M: RawMutex, C: Copy>(
             Timer::after(FAREWELL).await;
             system.start(program);
         }
-        channels.hold.set(false);
+        channels.hold.set(&false);
     }
 }
 
@@ -219,7 +225,7 @@ pub async fn no_upkeep<M: RawMutex, C: Copy>(channels: &Channels<M, C>) -> ! {
     loop {
         channels.upkeep.receive().await;
         channels.upkeep_done.signal(Err(UpkeepRefused::NotAvailable));
-        channels.hold.set(false);
+        channels.hold.set(&false);
     }
 }
 
@@ -229,7 +235,7 @@ pub async fn sensors<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
-        channels.sensors.set(port.read().await);
+        channels.sensors.set(&port.read().await);
         channels.answer(Task::Sensors);
     }
 }
@@ -263,7 +269,35 @@ pub async fn link<M: RawMutex, S: Session>(
     let session = RefCell::new(session);
     let something_to_send = Signal::<NoopRawMutex, ()>::new();
     // Copied when a loop is about to wait: not on the way of an answer.
-    let publish = || channels.link.set(session.borrow().counters());
+    let publish = || channels.link.set(&session.borrow().counters());
+
+    // What the session asks of the board.
+    let carry_out = async |request| match request {
+        Request::Control(command) => {
+            let set_up = session.borrow_mut().take_set_up();
+            if let Some(set_up) = set_up {
+                channels.set_ups.send(set_up).await; // when the one before is in force
+            }
+            channels.commands.send(command).await;
+        }
+        Request::Upkeep(upkeep) => {
+            while !channels.commands.is_empty() {
+                Timer::after(CONTROL_PERIOD).await;
+            }
+            channels.hold.set(&true); // until it is done
+            let task = (upkeep, *session.borrow().to_save());
+            // There is room: the session has been told of the one before.
+            if channels.upkeep.try_send(task).is_err() {
+                channels.hold.set(&false);
+            }
+        }
+        Request::Show(picture) => {
+            // A display that hangs must not hold up the command that stops a motor.
+            if channels.pictures.try_send(picture).is_err() {
+                session.borrow_mut().picture_dropped();
+            }
+        }
+    };
 
     let receive = async {
         let mut buffer = [0; CHUNK];
@@ -276,10 +310,12 @@ pub async fn link<M: RawMutex, S: Session>(
             // else handed commands on, these would overtake the ones before them.
             let upkeep_done = channels.upkeep_done.wait();
             let event = select3(upkeep_done, rx.read(&mut buffer), Timer::at(until)).await;
-            let mut request = None;
             let mut bytes: &[u8] = match event {
                 Either3::First(result) => {
-                    request = session.borrow_mut().upkeep_done(result);
+                    let request = session.borrow_mut().upkeep_done(result);
+                    if let Some(request) = request {
+                        carry_out(request).await;
+                    }
                     &[]
                 }
                 Either3::Second(Ok(count)) if count > 0 => &buffer[..count],
@@ -297,35 +333,17 @@ pub async fn link<M: RawMutex, S: Session>(
             };
             loop {
                 let now = Instant::now();
-                request = request.or_else(|| {
+                let request = {
                     let mut session = session.borrow_mut();
                     session.receive(&mut bytes, now).or_else(|| {
                         // A snapshot is only copied for a session that has its time.
                         session.wakes_at().filter(|&at| at <= now)?;
                         session.advance(now, &channels.snapshot.get())
                     })
-                });
-                channels.signs_of_life.set(session.borrow().signs_of_life());
-                match request.take() {
-                    Some(Request::Control(command)) => channels.commands.send(command).await,
-                    Some(Request::Upkeep(task)) => {
-                        while !channels.commands.is_empty() {
-                            Timer::after(CONTROL_PERIOD).await;
-                        }
-                        channels.hold.set(true); // until it is done
-                        // There is room: the session has been told of the one before.
-                        if channels.upkeep.try_send(task).is_err() {
-                            channels.hold.set(false);
-                        }
-                    }
-                    Some(Request::Show(picture)) => {
-                        // A display that hangs must not hold up the command that stops a motor.
-                        if channels.pictures.try_send(picture).is_err() {
-                            session.borrow_mut().picture_dropped();
-                        }
-                    }
-                    None => break,
-                }
+                };
+                channels.signs_of_life.set(&session.borrow().signs_of_life());
+                let Some(request) = request else { break };
+                carry_out(request).await;
             }
             something_to_send.signal(());
             // On a line without a speed limit the answers would else wait for a pause.

@@ -20,7 +20,7 @@ use core::array;
 use protocol::pms5005::extension::{Fault, FaultRecord};
 use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
-use crate::command::{ChannelConfiguration, Command, Configuration, ENCODERS, Refused};
+use crate::command::{ChannelConfiguration, Command, Configuration, ENCODERS, Refused, SetUp};
 use crate::control::axis::{Axis, Reading, is_stop, scale};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
@@ -90,11 +90,12 @@ impl Controller {
 
     /// One control period.
     ///
-    /// `signs_of_life` is a count that changes with every sign of life of the host. Commands that do not fit the channels' sensors or methods are
+    /// `set_up` takes what waits for a [`Command::SetUp`]. `signs_of_life` is a count that changes with every sign of life of the host. Commands that do not fit the channels' sensors or methods are
     /// refused whole and counted.
     pub fn step(
         &mut self,
         commands: impl IntoIterator<Item = Command>,
+        mut set_up: impl FnMut() -> Option<SetUp>,
         motion: &MotionInputs,
         sensors: &Sensors,
         signs_of_life: u32,
@@ -102,7 +103,7 @@ impl Controller {
         self.counters.periods = self.counters.periods.wrapping_add(1);
         self.measure(motion);
         for command in commands {
-            if let Err(reason) = self.apply(&command, motion) {
+            if let Err(reason) = self.apply(&command, &mut set_up, motion) {
                 self.counters.refused = self.counters.refused.wrapping_add(1);
                 warning!("command refused: {}", reason);
             }
@@ -282,7 +283,30 @@ impl Controller {
         self.faults.clear(scope, only_stops, |fault| board.lasts(fault, settings));
     }
 
-    fn apply(&mut self, command: &Command, motion: &MotionInputs) -> Result<(), Refused> {
+    fn set_up(&mut self, set_up: &SetUp, motion: &MotionInputs) {
+        match set_up {
+            SetUp::Parameters(Configuration { channels, collision_protection }) => {
+                for (channel, changes) in Channel::ALL.into_iter().zip(channels) {
+                    self.configure(channel, changes, motion);
+                }
+                self.guard.enabled = collision_protection.unwrap_or(self.guard.enabled);
+            }
+            SetUp::Settings(settings) => {
+                self.settings = *settings;
+                self.board.forget_looks();
+                for axis in &mut self.axes {
+                    axis.set_full_speed(self.settings.full_speed(axis.sensor()));
+                }
+            }
+        }
+    }
+
+    fn apply(
+        &mut self,
+        command: &Command,
+        set_up: &mut impl FnMut() -> Option<SetUp>,
+        motion: &MotionInputs,
+    ) -> Result<(), Refused> {
         match *command {
             Command::Drive { method, targets, periods } => {
                 self.go(method, &targets, periods, motion)
@@ -296,18 +320,9 @@ impl Controller {
                 }
                 Ok(())
             }
-            Command::Configure(Configuration { ref channels, collision_protection }) => {
-                for (channel, changes) in Channel::ALL.into_iter().zip(channels) {
-                    self.configure(channel, changes, motion);
-                }
-                self.guard.enabled = collision_protection.unwrap_or(self.guard.enabled);
-                Ok(())
-            }
-            Command::Adopt(ref settings) => {
-                self.settings = *settings;
-                self.board.forget_looks();
-                for axis in &mut self.axes {
-                    axis.set_full_speed(self.settings.full_speed(axis.sensor()));
+            Command::SetUp => {
+                if let Some(set_up) = set_up() {
+                    self.set_up(&set_up, motion);
                 }
                 Ok(())
             }

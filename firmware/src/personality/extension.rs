@@ -13,7 +13,7 @@ use protocol::pms5005::extension::{
 use protocol::pms5005::{Scope, did, extension};
 
 use super::{Request, Upkeep, UpkeepRefused};
-use crate::command::Command;
+use crate::command::{Command, SetUp};
 use crate::controller::{ShownFault, Snapshot};
 use crate::ports::Program;
 use crate::settings::{SettingRefused, Settings};
@@ -72,6 +72,8 @@ impl Owed {
 pub(super) struct Extension {
     /// The settings in force. Only this session changes them.
     settings: Settings,
+    /// What the controller is to be told next.
+    set_up: Option<SetUp>,
     boot: Boot,
     booted: Instant,
     owed: Deque<Owed, ANSWERS_WAITING>,
@@ -84,12 +86,39 @@ pub(super) struct Extension {
 
 impl Extension {
     pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
-        Self { settings, boot, booted: now, owed: Deque::new(), upkeep: None, asked_fault: None }
+        Self {
+            settings,
+            set_up: None,
+            boot,
+            booted: now,
+            owed: Deque::new(),
+            upkeep: None,
+            asked_fault: None,
+        }
     }
 
     /// The settings in force.
     pub(super) fn settings(&self) -> &Settings {
         &self.settings
+    }
+
+    /// Puts parameters or settings into force in the controller.
+    pub(super) fn set_up(&mut self, set_up: SetUp) -> Request {
+        self.set_up = Some(set_up);
+        Request::Control(Command::SetUp)
+    }
+
+    /// What that request puts into force.
+    pub(super) fn take_set_up(&mut self) -> Option<SetUp> {
+        self.set_up.take()
+    }
+
+    /// What is to be saved.
+    pub(super) fn to_save(&self) -> &Settings {
+        match self.upkeep {
+            Some(Action::FactoryReset) => &Settings::DEFAULT,
+            _ => &self.settings,
+        }
     }
 
     /// Whether the board is doing upkeep, and carries out no command until it is done.
@@ -197,7 +226,7 @@ impl Extension {
     /// Puts settings into force here, and yields what does so in the controller.
     fn force(&mut self, settings: Settings) -> Request {
         self.settings = settings;
-        Request::Control(Command::Adopt(settings.control))
+        self.set_up(SetUp::Settings(settings.control))
     }
 
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
@@ -210,8 +239,7 @@ impl Extension {
             _ if self.upkeep.is_some() => {
                 return (Some(Owed::Outcome(Outcome::of_action(action, Verdict::Busy))), None);
             }
-            Action::Save => Upkeep::Save(self.settings),
-            Action::FactoryReset => Upkeep::Save(Settings::DEFAULT),
+            Action::Save | Action::FactoryReset => Upkeep::Save,
             Action::Reboot => Upkeep::Start(Program::Firmware),
             Action::RebootIntoDfu => Upkeep::Start(Program::DfuLoader),
         };

@@ -14,7 +14,7 @@ mod reception;
 
 use embassy_time::Instant;
 
-use crate::command::Command;
+use crate::command::{Command, SetUp};
 use crate::controller::Snapshot;
 use crate::ports::Program;
 use crate::settings::Settings;
@@ -29,7 +29,8 @@ pub const MAX_FRAME: usize = 84;
 /// What a host asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Something of the controller.
+    /// Something of the controller. What a [`Command::SetUp`] puts into force,
+    /// [`take_set_up`](Session::take_set_up) tells.
     Control(Command),
     /// To show a sixteenth of an image.
     Show(Picture),
@@ -41,8 +42,8 @@ pub enum Request {
 /// What is done while control is held back and nothing is driven.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Upkeep {
-    /// To save these settings.
-    Save(Settings),
+    /// To save [these settings](Session::to_save).
+    Save,
     /// To start a program.
     Start(Program),
 }
@@ -77,6 +78,12 @@ pub trait Session {
     /// taken (`None`). Call it until it answers `None`; with no bytes it looks only whether a frame
     /// has been waiting for its rest too long.
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request>;
+
+    /// What the [`Command::SetUp`] that it has just asked for puts into force.
+    fn take_set_up(&mut self) -> Option<SetUp>;
+
+    /// The settings that the [`Upkeep::Save`] that it has just asked for saves.
+    fn to_save(&self) -> &Settings;
 
     /// What time alone asks of the board. Call it until it answers `None`.
     fn advance(&mut self, _now: Instant, _snapshot: &Snapshot) -> Option<Request> {

@@ -17,7 +17,7 @@ use firmware::app;
 use firmware::controller::Controller;
 use firmware::personality::Boot;
 use firmware::personality::pms5005::{LinkCounters, Pms5005};
-use firmware::ports::{MotionInputs, MotionPort, Outputs};
+use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
 use firmware::settings::Settings;
 use protocol::pms5005::{ACK, Frame, RID_PMS5005, did};
 use static_cell::StaticCell;
@@ -88,6 +88,8 @@ pub fn measure(control: SendSpawner, link: SendSpawner) {
         SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
     control.spawn(controls(controller, channels).unwrap_or_else(|_| panic!("spawned twice")));
     link.spawn(links(session, channels).unwrap_or_else(|_| panic!("spawned twice")));
+    link.spawn(senses(channels).unwrap_or_else(|_| panic!("spawned twice")));
+    link.spawn(displays(channels).unwrap_or_else(|_| panic!("spawned twice")));
 
     let busy = run(SATURATED_PERIODS, trial);
     let owed = SENT.load(Relaxed) - ACKNOWLEDGED.load(Relaxed);
@@ -134,12 +136,36 @@ fn idle(until_period: u32, turns: u32) -> u32 {
 
 #[embassy_executor::task]
 async fn controls(controller: &'static mut Controller, channels: &'static Channels) {
-    app::control(&mut Motors { due: None, pulse: None }, controller, channels).await;
+    app::control(&mut Motors { due: None, pulse: None }, controller, channels, |_| {}).await;
 }
 
 #[embassy_executor::task]
 async fn links(session: &'static mut Pms5005, channels: &'static Channels) {
     app::link(&mut Host::new(), &mut Sender, session, channels).await;
+}
+
+#[embassy_executor::task]
+async fn senses(channels: &'static Channels) {
+    app::sensors(&mut Slow, channels).await;
+}
+
+#[embassy_executor::task]
+async fn displays(channels: &'static Channels) {
+    app::display(&mut Slow, channels).await;
+}
+
+/// Sensors that take a ranger's turn, and a display that nothing is sent to.
+struct Slow;
+
+impl SensorPort for Slow {
+    async fn read(&mut self) -> Sensors {
+        Timer::after_millis(40).await;
+        Sensors::UNKNOWN
+    }
+}
+
+impl LcdPort for Slow {
+    async fn show(&mut self, _number: u8, _columns: &[u8; 64]) {}
 }
 
 /// The motors: still, and with an eye on the clock.

@@ -39,6 +39,7 @@ use protocol::pms5005::Repeat;
 
 use super::extension::{Boot, Extension, Owed};
 use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused};
+use crate::command::SetUp;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
@@ -148,6 +149,14 @@ impl Session for PioneerArm {
                 return Some(request);
             }
         }
+    }
+
+    fn take_set_up(&mut self) -> Option<SetUp> {
+        self.answers.extension.take_set_up()
+    }
+
+    fn to_save(&self) -> &Settings {
+        self.answers.extension.to_save()
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {

@@ -28,7 +28,7 @@ use protocol::pms5005::{
 
 use super::extension::{Boot, Extension, Owed};
 use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused};
-use crate::command::{Command, Configuration};
+use crate::command::{Command, Configuration, SetUp};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
@@ -164,6 +164,14 @@ impl Session for Pms5005 {
                 return Some(request);
             }
         }
+    }
+
+    fn take_set_up(&mut self) -> Option<SetUp> {
+        self.answers.extension.take_set_up()
+    }
+
+    fn to_save(&self) -> &Settings {
+        self.answers.extension.to_save()
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
@@ -358,7 +366,7 @@ impl Answers {
             wire::Command::Parameters(parameters) => {
                 let mut configuration = Configuration::default();
                 match parameters.iter().try_for_each(|parameter| configuration.add(parameter)) {
-                    Ok(()) => control(Command::Configure(configuration)),
+                    Ok(()) => Some(self.extension.set_up(SetUp::Parameters(configuration))),
                     Err(refused) => {
                         count(&mut self.counters.refused, 1);
                         warning!("frame not carried out: {}", refused);
