@@ -8,7 +8,8 @@
 //! that value one least significant bit away. Counts and flags are sent as they are.
 
 use super::did;
-use super::frame::{DATA, ETX, EncodeError, Frame, RES_NO_ACK, RID_HOST, seal};
+use super::frame::{DATA, ETX, Frame, RES_NO_ACK, RID_HOST, seal};
+use crate::data::{EncodeError, Field};
 
 /// The highest A/D value: converters have 12 bits.
 const AD_MAX: u16 = 4095;
@@ -123,11 +124,10 @@ impl Report {
 
     /// Reads DID and DATA of an intact frame. `None` if it is not telemetry.
     pub fn parse(did: u8, data: &[u8]) -> Option<Self> {
-        let fields = Reader::new(data);
         match (did, data.len()) {
-            (did::MOTORS, len::MOTORS) => MotorReport::read(fields).map(Self::Motors),
-            (did::CUSTOM_IO, len::CUSTOM_IO) => CustomIoReport::read(fields).map(Self::CustomIo),
-            (did::SENSORS, len::SENSORS) => SensorReport::read(fields).map(Self::Sensors),
+            (did::MOTORS, len::MOTORS) => MotorReport::read(data).map(Self::Motors),
+            (did::CUSTOM_IO, len::CUSTOM_IO) => CustomIoReport::read(data).map(Self::CustomIo),
+            (did::SENSORS, len::SENSORS) => SensorReport::read(data).map(Self::Sensors),
             _ => None,
         }
     }
@@ -149,11 +149,10 @@ impl MotorReport {
         out.exact(&[directions]);
     }
 
-    fn read(mut fields: Reader<'_>) -> Option<Self> {
-        let potentiometers = fields.words()?;
-        let currents = fields.words()?;
-        let [count_1, speed_1, count_2, speed_2] = fields.words()?;
-        let [directions] = fields.bytes()?;
+    fn read(mut data: &[u8]) -> Option<Self> {
+        let [potentiometers, currents] = Field::take(&mut data)?;
+        let [count_1, speed_1, count_2, speed_2] = Field::take(&mut data)?;
+        let directions = u8::take(&mut data)?;
         let encoder = |count, speed, bit| Encoder { count, speed, positive: directions & bit != 0 };
         let encoders = [encoder(count_1, speed_1, 1), encoder(count_2, speed_2, 2)];
         Some(Self { potentiometers, currents, encoders })
@@ -166,10 +165,8 @@ impl CustomIoReport {
         out.exact(&[self.inputs]);
     }
 
-    fn read(mut fields: Reader<'_>) -> Option<Self> {
-        let custom_ad = fields.words()?;
-        let [inputs] = fields.bytes()?;
-        Some(Self { custom_ad, inputs })
+    fn read(mut data: &[u8]) -> Option<Self> {
+        Some(Self { custom_ad: Field::take(&mut data)?, inputs: Field::take(&mut data)? })
     }
 }
 
@@ -187,63 +184,18 @@ impl SensorReport {
         out.measured_words(&self.reference);
     }
 
-    fn read(mut fields: Reader<'_>) -> Option<Self> {
+    fn read(mut data: &[u8]) -> Option<Self> {
         Some(Self {
-            sonar_cm: fields.bytes()?,
-            human: fields.words()?,
-            tilt: fields.words()?,
-            overheat: fields.words()?,
-            temperature: fields.word()?,
-            ir_range: fields.word()?,
-            ir_command: fields.bytes()?,
-            battery: fields.words()?,
-            reference: fields.words()?,
+            sonar_cm: Field::take(&mut data)?,
+            human: Field::take(&mut data)?,
+            tilt: Field::take(&mut data)?,
+            overheat: Field::take(&mut data)?,
+            temperature: Field::take(&mut data)?,
+            ir_range: Field::take(&mut data)?,
+            ir_command: Field::take(&mut data)?,
+            battery: Field::take(&mut data)?,
+            reference: Field::take(&mut data)?,
         })
-    }
-}
-
-/// Takes fields from the front of DATA.
-pub(super) struct Reader<'a> {
-    rest: &'a [u8],
-}
-
-impl<'a> Reader<'a> {
-    pub(super) fn new(data: &'a [u8]) -> Self {
-        Self { rest: data }
-    }
-
-    pub(super) fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (bytes, rest) = self.rest.split_first_chunk::<N>()?;
-        self.rest = rest;
-        Some(*bytes)
-    }
-
-    pub(super) fn word(&mut self) -> Option<u16> {
-        self.bytes().map(u16::from_le_bytes)
-    }
-
-    pub(super) fn words<const N: usize>(&mut self) -> Option<[u16; N]> {
-        let mut words = [0; N];
-        for word in &mut words {
-            *word = self.word()?;
-        }
-        Some(words)
-    }
-
-    /// A signed number of four bytes.
-    pub(super) fn number(&mut self) -> Option<i32> {
-        self.bytes().map(i32::from_le_bytes)
-    }
-
-    /// A byte that stands for something.
-    pub(super) fn code<T>(&mut self, meaning: impl Fn(u8) -> Option<T>) -> Option<T> {
-        let [code] = self.bytes()?;
-        meaning(code)
-    }
-
-    /// All that is left.
-    pub(super) fn rest(&mut self) -> &'a [u8] {
-        core::mem::take(&mut self.rest)
     }
 }
 
