@@ -43,6 +43,7 @@
 
 pub mod arcos;
 pub mod cm5;
+mod data;
 pub mod deframe;
 pub mod dynamixel;
 pub mod pms5005;

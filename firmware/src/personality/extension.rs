@@ -279,7 +279,11 @@ impl Extension {
                 reset: self.boot.reset,
                 settings: self.boot.settings,
             }),
-            Owed::Counters => Answer::Counters(counters()),
+            Owed::Counters => Answer::Counters(Counters {
+                commands_refused: snapshot.counters.refused,
+                links_lost: snapshot.counters.links_lost,
+                ..counters()
+            }),
             Owed::Fault(place) => {
                 let ShownFault { total, record, .. } = snapshot.shown_fault;
                 Answer::Fault(Latched { place, total, record })

@@ -124,3 +124,8 @@ pub trait Session {
     /// A number that changes with every frame of our host: its signs of life. It wraps.
     fn signs_of_life(&self) -> u32;
 }
+
+/// Counters wrap.
+fn count(counter: &mut u32, more: u32) {
+    *counter = counter.wrapping_add(more);
+}

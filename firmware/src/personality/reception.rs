@@ -7,6 +7,7 @@
 
 use embassy_time::{Duration, Instant};
 use protocol::deframe::{Deframer, Framing, Reception};
+use protocol::pms5005::extension::Counters;
 
 /// How long a frame's bytes may pause.
 pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
@@ -30,6 +31,12 @@ impl<F: Framing, const N: usize> TimedReceiver<F, N> {
     /// The counters.
     pub fn reception(&self) -> Reception {
         self.deframer.reception()
+    }
+
+    /// A session's counters, with what the receiver has counted.
+    pub fn counted(&self, counters: Counters) -> Counters {
+        let Reception { frames_ok, bad_frames, bytes_skipped, .. } = self.reception();
+        Counters { frames_ok, bad_frames, bytes_skipped, ..counters }
     }
 
     /// When bytes that are pending by now will have paused or lasted too long.

@@ -1,14 +1,15 @@
-//! The settings by number: one table of what each is called, counts and may be.
+//! The settings by number: one table of what each is called, counts and may be, and where the code
+//! has it. The structs that the code uses are made of it, with their defaults.
 //!
 //! Numbers never change their meaning and are never given again: they are on the wire (DIDs 7 and
 //! 96, and what carries the same to an arm) and in the flash. A value is a whole number; 0 and 1
 //! stand for no and yes. A row may hold a *bank*: the same setting of several channels or joints.
 
-use protocol::arcos::{Dialect, MotionBits};
+use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
+use protocol::pms5005::CHANNELS;
 use protocol::pms5005::extension::Unit;
 
-use self::Field::{Flag, I16, Ki, Status, U8, U16, U32};
-use super::{KiReading, Settings};
+use super::{KiReading, Settings, SoftLimits};
 
 /// One setting, or a bank of them.
 pub(super) struct Row {
@@ -22,48 +23,71 @@ pub(super) struct Row {
     pub name: &'static str,
     /// Lowest and highest value.
     pub range: (i32, i32),
-    /// Where the nth is.
-    field: fn(&mut Settings, usize) -> Field<'_>,
+    /// Where the nth is; `None` beyond the end of a bank.
+    field: fn(&mut Settings, usize) -> Option<&mut dyn Value>,
 }
 
 /// A setting as the code uses it.
-enum Field<'a> {
-    U8(&'a mut u8),
-    U16(&'a mut u16),
-    I16(&'a mut i16),
-    U32(&'a mut u32),
-    Flag(&'a mut bool),
-    Ki(&'a mut KiReading),
-    Status(&'a mut Dialect),
-    /// Beyond the end of a bank.
-    Nowhere,
+trait Value {
+    fn get(&self) -> i32;
+
+    /// Values are in the setting's range, and so fit.
+    fn set(&mut self, value: i32);
 }
 
-impl Field<'_> {
-    fn get(self) -> i32 {
+macro_rules! whole_numbers {
+    ($($number:ty),+) => {
+        $(impl Value for $number {
+            fn get(&self) -> i32 {
+                *self as i32 // the highest is 8,000,000
+            }
+
+            fn set(&mut self, value: i32) {
+                *self = value as $number;
+            }
+        })+
+    };
+}
+whole_numbers!(u8, u16, i16, u32);
+
+impl Value for bool {
+    fn get(&self) -> i32 {
+        (*self).into()
+    }
+
+    fn set(&mut self, value: i32) {
+        *self = value != 0;
+    }
+}
+
+impl Value for KiReading {
+    fn get(&self) -> i32 {
+        *self as i32
+    }
+
+    fn set(&mut self, value: i32) {
+        *self = match value {
+            1 => Self::Fraction256,
+            2 => Self::WordHundredths,
+            _ => Self::Hundredths,
+        }
+    }
+}
+
+impl Value for Dialect {
+    fn get(&self) -> i32 {
         match self {
-            U8(field) => (*field).into(),
-            U16(field) => (*field).into(),
-            I16(field) => (*field).into(),
-            U32(field) => *field as i32, // the highest is 8,000,000
-            Flag(field) => (*field).into(),
-            Ki(field) => *field as i32,
-            Status(field) => dialect_number(*field),
-            Self::Nowhere => 0,
+            Self::Manual(MotionBits::OneToSix) => 0,
+            Self::Manual(MotionBits::ZeroToFive) => 1,
+            Self::Aria => 2,
         }
     }
 
-    /// Values are in the setting's range, and so fit.
-    fn set(self, value: i32) {
-        match self {
-            U8(field) => *field = value as u8,
-            U16(field) => *field = value as u16,
-            I16(field) => *field = value as i16,
-            U32(field) => *field = value as u32,
-            Flag(field) => *field = value != 0,
-            Ki(field) => *field = ki_reading(value),
-            Status(field) => *field = dialect(value),
-            Self::Nowhere => {}
+    fn set(&mut self, value: i32) {
+        *self = match value {
+            1 => Self::Manual(MotionBits::ZeroToFive),
+            2 => Self::Aria,
+            _ => Self::Manual(MotionBits::OneToSix),
         }
     }
 }
@@ -83,12 +107,14 @@ impl Row {
     /// The nth's value.
     pub fn get(&self, settings: &Settings, n: usize) -> i32 {
         let mut copy = *settings;
-        (self.field)(&mut copy, n).get()
+        (self.field)(&mut copy, n).map_or(0, |field| field.get())
     }
 
     /// Sets the nth to a value in its range.
     pub fn set(&self, settings: &mut Settings, n: usize, value: i32) {
-        (self.field)(settings, n).set(value);
+        if let Some(field) = (self.field)(settings, n) {
+            field.set(value);
+        }
     }
 
     /// The number of the nth.
@@ -97,10 +123,59 @@ impl Row {
     }
 }
 
+/// A default that is no number stands in brackets behind its number.
+macro_rules! default {
+    ($number:literal) => {
+        $number
+    };
+    ($number:literal $value:expr) => {
+        $value
+    };
+}
+
+// A group of settings is a struct: its fields with a row of the table each, then its other fields
+// (`with`) and the rows that are not simply a field of it (`and`).
 macro_rules! settings {
-    ($($number:literal $(+ $step:literal * [$first:literal..=$last:literal])?, $name:literal,
-        $unit:ident, $low:literal, $high:literal, $default:literal, $what:literal,
-        $field:expr;)+) => {
+    ($($(#[doc = $doc:literal])+ $group:ident at $($at:ident).+ {
+        $($(#[doc = $why:literal])* $field:ident: $type:ty = $default:literal $(($value:expr))?,
+            $number:literal, $name:literal, $unit:ident, $low:literal..=$high:literal,
+            $what:literal;)*
+    }
+    $(with {
+        $($(#[doc = $other_doc:literal])+ $other:ident: $other_type:ty = $other_default:expr;)*
+    })?
+    $(and {
+        $($first_number:literal $(+ $step:literal * [$first:literal..=$last:literal])?,
+            $row_name:literal, $row_unit:ident, $row_low:literal..=$row_high:literal,
+            $row_default:literal, $row_what:literal, $place:expr;)*
+    })?)+) => {
+        $(
+            $(#[doc = $doc])+
+            #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+            #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+            pub struct $group {
+                $(
+                    #[doc = concat!("Setting ", $number, ", ", $name, ": ", $what, ".")]
+                    ///
+                    $(#[doc = $why])*
+                    pub $field: $type,
+                )*
+                $($($(#[doc = $other_doc])+ pub $other: $other_type,)*)?
+            }
+
+            impl $group {
+                /// The defaults of the table.
+                pub const DEFAULT: Self = Self {
+                    $($field: default!($default $($value)?),)*
+                    $($($other: $other_default,)*)?
+                };
+
+                fn of(settings: &mut Settings) -> &mut Self {
+                    &mut settings.$($at).+
+                }
+            }
+        )+
+
         /// How many settings there are.
         ///
         /// An n is a channel, 0 to 5, or a joint, 1 to 6, and stands behind the name. All but an
@@ -110,24 +185,39 @@ macro_rules! settings {
         ///
         /// | number | name | unit | range | default | what it is |
         /// |---|---|---|---|---|---|
-        $(#[doc = concat!("| ", $number $(, " + ", $step, " n")?, " | ", $name,
-            " | ", stringify!($unit), " | ", $low, " to ", $high, " | ", $default, " | ", $what,
-            " |")])+
+        $(
+            $(#[doc = concat!("| ", $number, " | ", $name, " | ", stringify!($unit), " | ", $low,
+                " to ", $high, " | ", $default, " | ", $what, " |")])*
+            $($(#[doc = concat!("| ", $first_number $(, " + ", $step, " n")?, " | ", $row_name,
+                " | ", stringify!($row_unit), " | ", $row_low, " to ", $row_high, " | ",
+                $row_default, " | ", $row_what, " |")])*)?
+        )+
         pub const COUNT: usize = count(TABLE);
 
-        pub(super) const TABLE: &[Row] = &[$(Row {
-            number: $number,
-            step: 0 $(+ $step)?,
-            members: (0 $(+ $first)?, 0 $(+ $last)?),
-            name: $name,
-            unit: Unit::$unit,
-            range: ($low, $high),
-            field: $field,
-        }),+];
+        pub(super) const TABLE: &[Row] = &[$(
+            $(Row {
+                number: $number,
+                step: 0,
+                members: (0, 0),
+                name: $name,
+                unit: Unit::$unit,
+                range: ($low, $high),
+                field: |s, _| Some(&mut $group::of(s).$field),
+            },)*
+            $($(Row {
+                number: $first_number,
+                step: 0 $(+ $step)?,
+                members: (0 $(+ $first)?, 0 $(+ $last)?),
+                name: $row_name,
+                unit: Unit::$row_unit,
+                range: ($row_low, $row_high),
+                field: $place,
+            },)*)?
+        )+];
 
         /// The defaults as the documentation has them.
         #[cfg(test)]
-        pub(super) const DOCUMENTED: &[i32] = &[$($default),+];
+        pub(super) const DOCUMENTED: &[i32] = &[$($($default,)* $($($row_default,)*)?)+];
     };
 }
 
@@ -161,193 +251,198 @@ const fn is_same(mut one: &[u8], mut other: &[u8]) -> bool {
     one.is_empty() && other.is_empty()
 }
 
+/// A joint's defaults.
+const JOINT: JointInfo =
+    JointInfo { ms_per_tick: 20, home: 127, min: 0, centre: 127, max: 255, ticks_per_90: 140 };
+
 settings! {
-    1, "link timeout", Milliseconds, 0, 60000, 2000,
-        "silence of the host after which moving channels are stopped; 0 never stops them",
-        |s, _| U16(&mut s.control.link_timeout);
-    2, "Ki reading", Choice, 0, 2, 2,
-        "how the two bytes of Ki are read: 0 M + N/100, 1 M + N/256, 2 a word of hundredths",
-        |s, _| Ki(&mut s.control.ki_reading);
-    3, "full speed encoder", CountsPerSecond, 0, 8000000, 16384,
-        "an encoder's speed at full drive, for feed-forward; 0 is none",
-        |s, _| U32(&mut s.control.full_speed_encoder);
-    4, "full speed potentiometer", CountsPerSecond, 0, 8000000, 4096,
-        "a potentiometer's speed at full drive, for feed-forward; 0 is none",
-        |s, _| U32(&mut s.control.full_speed_potentiometer);
-    5, "longest move", Milliseconds, 0, 60000, 10000,
-        "silence of the host in which a timed position move goes on to its end; 0 stops it with 1",
-        |s, _| U16(&mut s.control.longest_move);
-    16, "sonar stop", Centimetres, 0, 254, 30,
-        "collision protection: an ultrasonic range that stops forward drive",
-        |s, _| U8(&mut s.control.collision.sonar_stop_cm);
-    17, "sonar clear", Centimetres, 0, 254, 35,
-        "above this range it lets go; not below 16",
-        |s, _| U8(&mut s.control.collision.sonar_clear_cm);
-    18, "infrared stop", AdCounts, 0, 4095, 1678,
-        "collision protection: an infrared reading that stops forward drive (1678 is 20 cm)",
-        |s, _| U16(&mut s.control.collision.ir_stop);
-    19, "infrared clear", AdCounts, 0, 4095, 1388,
-        "below this reading it lets go (1388 is 25 cm); not above 18",
-        |s, _| U16(&mut s.control.collision.ir_clear);
-    20, "sonars forward", Bits, 0, 63, 63,
-        "which ultrasonic sensors look forward: bit 0 is sensor 1",
-        |s, _| U8(&mut s.control.collision.sonar_forward);
-    21, "wheel 1 forward rises", Flag, 0, 1, 1,
-        "whether rising counts of channel 0 drive the robot forward",
-        |s, _| Flag(&mut s.control.collision.forward_is_positive[0]);
-    22, "wheel 2 forward rises", Flag, 0, 1, 1,
-        "whether rising counts of channel 1 drive the robot forward",
-        |s, _| Flag(&mut s.control.collision.forward_is_positive[1]);
-    32, "telemetry period", Milliseconds, 1, 60000, 50,
-        "period of every telemetry stream",
-        |s, _| U16(&mut s.link.telemetry_period_ms);
-    48, "over-current", AdCounts, 0, 4095, 3640,
-        "fault 1: a motor current that is limited (3640 is 5 A); 0 never is",
-        |s, _| U16(&mut s.control.channel_faults.over_current);
-    49, "over-current time", Milliseconds, 0, 60000, 2000,
-        "fault 1: how long it may be limited; 0 for ever",
-        |s, _| U16(&mut s.control.channel_faults.over_current_ms);
-    50, "driven", Duty, 1, 16384, 8192,
-        "faults 2 to 4: a channel is driven from this duty on",
-        |s, _| U16(&mut s.control.channel_faults.driven);
-    51, "stall current", AdCounts, 0, 4095, 728,
-        "faults 2, 4: what a shaft that is held fast draws at full drive, at least (728 is 1 A)",
-        |s, _| U16(&mut s.control.channel_faults.stall_current);
-    52, "stall time", Milliseconds, 0, 60000, 6000,
-        "fault 2: how long a driven shaft may be held fast; 0 for ever",
-        |s, _| U16(&mut s.control.channel_faults.stall_ms);
-    53, "sensor time", Milliseconds, 0, 60000, 500,
-        "fault 4: how long a driven loop may see no motion; 0 for ever",
-        |s, _| U16(&mut s.control.channel_faults.sensor_ms);
-    54, "rail time", Milliseconds, 0, 60000, 250,
-        "fault 4: the same at an end of a potentiometer; 0 for ever",
-        |s, _| U16(&mut s.control.channel_faults.rail_ms);
-    55, "sensor jump", Counts, 0, 4095, 128,
-        "fault 4: what no potentiometer moves in a control period; 0 is anything",
-        |s, _| U16(&mut s.control.channel_faults.jump);
-    56, "tracking position", Counts, 0, 32767, 512,
-        "fault 3: how far a position loop may be off",
-        |s, _| U16(&mut s.control.channel_faults.tracking_position);
-    57, "tracking velocity", CountsPerSecond, 0, 65535, 2048,
-        "fault 3: how far a velocity loop may be off",
-        |s, _| U16(&mut s.control.channel_faults.tracking_velocity);
-    58, "tracking time", Milliseconds, 0, 30000, 1500,
-        "fault 3: how long a loop may be astray or hunt; 0 for ever",
-        |s, _| U16(&mut s.control.channel_faults.tracking_ms);
-    59, "jump time", Milliseconds, 1, 200, 20,
-        "fault 4: how long a jump must last; one bad reading is no lost sensor",
-        |s, _| U8(&mut s.control.channel_faults.jump_ms);
-    60, "hunt time", Milliseconds, 0, 250, 100,
-        "fault 3: a loop hunts for so long after it has reversed its drive; 0 never does",
-        |s, _| U8(&mut s.control.channel_faults.hunt_ms);
-    61, "still", Counts, 0, 4095, 8,
-        "faults 2, 4: a shaft that stays so near stands still",
-        |s, _| U16(&mut s.control.channel_faults.still);
-    62, "rail", Counts, 0, 2047, 8,
-        "fault 4: a potentiometer so near to an end of its track is at the rail",
-        |s, _| U16(&mut s.control.channel_faults.rail);
-    63, "tracking away", CountsPerSecond, 0, 65535, 64,
-        "fault 3: a shaft that moves away from its set-point does so faster",
-        |s, _| U16(&mut s.control.channel_faults.away);
-    64, "motor battery low", AdCounts, 0, 4095, 853,
-        "fault 16: below this (853 is 5 V); 0 is off",
-        |s, _| U16(&mut s.control.board_faults.motor_battery_low);
-    65, "motor battery high", AdCounts, 0, 4095, 0,
-        "fault 17: from this on (171 is 1 V); 0 is off",
-        |s, _| U16(&mut s.control.board_faults.motor_battery_high);
-    66, "servo battery low", AdCounts, 0, 4095, 1820,
-        "fault 18: below this (1820 is 4 V); 0 is off",
-        |s, _| U16(&mut s.control.board_faults.servo_battery_low);
-    67, "main battery low", AdCounts, 0, 4095, 2002,
-        "fault 19: below this (2002 is 4.4 V); 0 is off",
-        |s, _| U16(&mut s.control.board_faults.main_battery_low);
-    68, "driver hot", AdCounts, 0, 4095, 1096,
-        "fault 20: below this (1096 is 90 degrees, less is hotter); 0 is off",
-        |s, _| U16(&mut s.control.board_faults.driver_hot);
-    69, "ambient hot", AdCounts, 0, 4095, 3692,
-        "fault 21: from this on (3692 is 70 degrees); 0 is off",
-        |s, _| U16(&mut s.control.board_faults.ambient_hot);
-    70, "battery and heat time", Milliseconds, 0, 60000, 1000,
-        "faults 16 to 21: how long it must last",
-        |s, _| U16(&mut s.control.board_faults.lasts_ms);
-    71, "missed periods", Milliseconds, 0, 9000, 100,
-        "fault 23: so many missed in a row; 0 is off",
-        |s, _| U16(&mut s.control.board_faults.missed_periods);
-    72, "no motor battery", AdCounts, 0, 4095, 171,
-        "fault 16: below this there is none (171 is 1 V)",
-        |s, _| U16(&mut s.control.board_faults.no_motor_battery);
-    73, "no battery", AdCounts, 0, 4095, 455,
-        "faults 18, 19: below this there is none (455 is 1 V)",
-        |s, _| U16(&mut s.control.board_faults.no_battery);
-    74, "no driver", AdCounts, 0, 4095, 400,
-        "fault 20: below this there is none (400 is 150 degrees)",
-        |s, _| U16(&mut s.control.board_faults.no_driver);
-    75, "no thermometer", AdCounts, 0, 4095, 4040,
-        "fault 21: from this on there is none (4040 is 80 degrees)",
-        |s, _| U16(&mut s.control.board_faults.no_thermometer);
-    80 + 2 * [0..=5], "soft limit low", Counts, 0, 32767, 0,
-        "channel n is driven no lower; equal to the next one it is off",
-        |s, n| of(&mut s.control.soft_limits, n, |soft| I16(&mut soft.low));
-    81 + 2 * [0..=5], "soft limit high", Counts, 0, 32767, 0,
-        "channel n is driven no higher; not below the one before",
-        |s, n| of(&mut s.control.soft_limits, n, |soft| I16(&mut soft.high));
-    112, "arm dialect", Choice, 0, 2, 0,
-        "ARMpac's status bytes: 0 manual, 1 manual with joint 1 in bit 0, 2 ARIA's",
-        |s, _| Status(&mut s.arm.dialect);
-    113, "arm servo time", Milliseconds, 50, 2000, 300,
-        "what the slowest of the arm's servos takes for 60 degrees",
-        |s, _| U16(&mut s.arm.servo_ms_per_60_deg);
-    114, "arm autopark", Seconds, 0, 65535, 600,
-        "idle time until the arm parks itself; 0 is never",
-        |s, _| U16(&mut s.arm.autopark_s);
-    115, "arm grippark", Seconds, 0, 65535, 300,
-        "time until a closed gripper goes home; 0 is never",
-        |s, _| U16(&mut s.arm.grippark_s);
-    120 + 8 * [1..=6], "joint speed", Milliseconds, 1, 127, 20,
-        "of a step of one tick, at boot; an arm that nobody watches goes home no faster",
-        |s, n| of(&mut s.arm.joints, n, |joint| U8(&mut joint.ms_per_tick));
-    121 + 8 * [1..=6], "joint home", Ticks, 0, 255, 127,
-        "home position, from lowest to highest",
-        |s, n| of(&mut s.arm.joints, n, |joint| U8(&mut joint.home));
-    122 + 8 * [1..=6], "joint min", Ticks, 0, 255, 0,
-        "lowest position",
-        |s, n| of(&mut s.arm.joints, n, |joint| U8(&mut joint.min));
-    123 + 8 * [1..=6], "joint centre", Ticks, 0, 255, 127,
-        "position of 0 degrees and of a pulse of 1.5 ms",
-        |s, n| of(&mut s.arm.joints, n, |joint| U8(&mut joint.centre));
-    124 + 8 * [1..=6], "joint max", Ticks, 0, 255, 255,
-        "highest position, not below the lowest",
-        |s, n| of(&mut s.arm.joints, n, |joint| U8(&mut joint.max));
-    125 + 8 * [1..=6], "joint ticks per 90", Ticks, 1, 255, 140,
-        "of 90 degrees and 1 ms of pulse; lowest and highest position must be 0.22 to 3.11 ms",
-        |s, n| of(&mut s.arm.joints, n, |joint| U8(&mut joint.ticks_per_90));
-}
-
-/// A field of the nth of a bank.
-fn of<'a, T>(bank: &'a mut [T], n: usize, field: fn(&'a mut T) -> Field<'a>) -> Field<'a> {
-    bank.get_mut(n).map_or(Field::Nowhere, field)
-}
-
-fn ki_reading(value: i32) -> KiReading {
-    match value {
-        1 => KiReading::Fraction256,
-        2 => KiReading::WordHundredths,
-        _ => KiReading::Hundredths,
+    /// The controller's settings.
+    ControlSettings at control {
+        link_timeout: u16 = 2000, 1, "link timeout", Milliseconds, 0..=60000,
+            "silence of the host after which moving channels are stopped; 0 never stops them";
+        ki_reading: KiReading = 2 (KiReading::WordHundredths), 2, "Ki reading", Choice, 0..=2,
+            "how the two bytes of Ki are read: 0 M + N/100, 1 M + N/256, 2 a word of hundredths";
+        full_speed_encoder: u32 = 16384, 3, "full speed encoder", CountsPerSecond, 0..=8000000,
+            "an encoder's speed at full drive, for feed-forward; 0 is none";
+        full_speed_potentiometer: u32 = 4096, 4,
+            "full speed potentiometer", CountsPerSecond, 0..=8000000,
+            "a potentiometer's speed at full drive, for feed-forward; 0 is none";
+        longest_move: u16 = 10000, 5, "longest move", Milliseconds, 0..=60000,
+            "silence of the host in which a timed position move goes on to its end; 0 stops it with 1";
     }
-}
-
-fn dialect(value: i32) -> Dialect {
-    match value {
-        1 => Dialect::Manual(MotionBits::ZeroToFive),
-        2 => Dialect::Aria,
-        _ => Dialect::Manual(MotionBits::OneToSix),
+    with {
+        /// Collision protection.
+        collision: CollisionSettings = CollisionSettings::DEFAULT;
+        /// Limits of the DC channels' positions.
+        soft_limits: [SoftLimits; CHANNELS] = [SoftLimits::NONE; CHANNELS];
+        /// Faults of every DC channel.
+        channel_faults: ChannelFaultSettings = ChannelFaultSettings::DEFAULT;
+        /// Faults of the board.
+        board_faults: BoardFaultSettings = BoardFaultSettings::DEFAULT;
     }
-}
 
-fn dialect_number(dialect: Dialect) -> i32 {
-    match dialect {
-        Dialect::Manual(MotionBits::OneToSix) => 0,
-        Dialect::Manual(MotionBits::ZeroToFive) => 1,
-        Dialect::Aria => 2,
+    /// When the collision protection (sub-command 13) holds the wheels back.
+    CollisionSettings at control.collision {
+        sonar_stop_cm: u8 = 30, 16, "sonar stop", Centimetres, 0..=254,
+            "collision protection: an ultrasonic range that stops forward drive";
+        sonar_clear_cm: u8 = 35, 17, "sonar clear", Centimetres, 0..=254,
+            "above this range it lets go; not below 16";
+        ir_stop: u16 = 1678, 18, "infrared stop", AdCounts, 0..=4095,
+            "collision protection: an infrared reading that stops forward drive (1678 is 20 cm)";
+        ir_clear: u16 = 1388, 19, "infrared clear", AdCounts, 0..=4095,
+            "below this reading it lets go (1388 is 25 cm); not above 18";
+        /// All by default, since the manual does not say where they are mounted and backing off
+        /// must always be possible.
+        sonar_forward: u8 = 63, 20, "sonars forward", Bits, 0..=63,
+            "which ultrasonic sensors look forward: bit 0 is sensor 1";
+    }
+    with {
+        /// For wheels 0 and 1: whether rising counts drive the robot forward.
+        forward_is_positive: [bool; 2] = [true; 2];
+    }
+    and {
+        21, "wheel 1 forward rises", Flag, 0..=1, 1,
+            "whether rising counts of channel 0 drive the robot forward",
+            |s, _| Some(&mut s.control.collision.forward_is_positive[0]);
+        22, "wheel 2 forward rises", Flag, 0..=1, 1,
+            "whether rising counts of channel 1 drive the robot forward",
+            |s, _| Some(&mut s.control.collision.forward_is_positive[1]);
+    }
+
+    /// The PMS5005 session's settings.
+    LinkSettings at link {
+        telemetry_period_ms: u16 = 50, 32, "telemetry period", Milliseconds, 1..=60000,
+            "period of every telemetry stream";
+    }
+
+    /// When a DC channel's faults trip: [`safety::faults`](crate::safety::faults). Times are
+    /// control periods (ms).
+    ChannelFaultSettings at control.channel_faults {
+        /// 5.6 A can be measured.
+        over_current: u16 = 3640, 48, "over-current", AdCounts, 0..=4095,
+            "fault 1: a motor current that is limited (3640 is 5 A); 0 never is";
+        over_current_ms: u16 = 2000, 49, "over-current time", Milliseconds, 0..=60000,
+            "fault 1: how long it may be limited; 0 for ever";
+        driven: u16 = 8192, 50, "driven", Duty, 1..=16384,
+            "faults 2 to 4: a channel is driven from this duty on";
+        stall_current: u16 = 728, 51, "stall current", AdCounts, 0..=4095,
+            "faults 2, 4: what a shaft that is held fast draws at full drive, at least (728 is 1 A)";
+        /// Wheels push against a wall for a while, and nothing runs away.
+        stall_ms: u16 = 6000, 52, "stall time", Milliseconds, 0..=60000,
+            "fault 2: how long a driven shaft may be held fast; 0 for ever";
+        sensor_ms: u16 = 500, 53, "sensor time", Milliseconds, 0..=60000,
+            "fault 4: how long a driven loop may see no motion; 0 for ever";
+        rail_ms: u16 = 250, 54, "rail time", Milliseconds, 0..=60000,
+            "fault 4: the same at an end of a potentiometer; 0 for ever";
+        /// By default a turn takes 35 ms.
+        jump: u16 = 128, 55, "sensor jump", Counts, 0..=4095,
+            "fault 4: what no potentiometer moves in a control period; 0 is anything";
+        tracking_position: u16 = 512, 56, "tracking position", Counts, 0..=32767,
+            "fault 3: how far a position loop may be off";
+        tracking_velocity: u16 = 2048, 57, "tracking velocity", CountsPerSecond, 0..=65535,
+            "fault 3: how far a velocity loop may be off";
+        tracking_ms: u16 = 1500, 58, "tracking time", Milliseconds, 0..=30000,
+            "fault 3: how long a loop may be astray or hunt; 0 for ever";
+        jump_ms: u8 = 20, 59, "jump time", Milliseconds, 1..=200,
+            "fault 4: how long a jump must last; one bad reading is no lost sensor";
+        /// A loop that goes on a move reverses once or twice; more than seven times a second
+        /// add up.
+        hunt_ms: u8 = 100, 60, "hunt time", Milliseconds, 0..=250,
+            "fault 3: a loop hunts for so long after it has reversed its drive; 0 never does";
+        /// Less than the default is noise of a converter, or of an encoder that stands on an edge.
+        still: u16 = 8, 61, "still", Counts, 0..=4095,
+            "faults 2, 4: a shaft that stays so near stands still";
+        rail: u16 = 8, 62, "rail", Counts, 0..=2047,
+            "fault 4: a potentiometer so near to an end of its track is at the rail";
+        away: u16 = 64, 63, "tracking away", CountsPerSecond, 0..=65535,
+            "fault 3: a shaft that moves away from its set-point does so faster";
+    }
+
+    /// When the board's faults trip, in A/D counts; a threshold of 0 never does.
+    BoardFaultSettings at control.board_faults {
+        motor_battery_low: u16 = 853, 64, "motor battery low", AdCounts, 0..=4095,
+            "fault 16: below this (853 is 5 V); 0 is off";
+        /// Off by default: what can be measured is allowed.
+        motor_battery_high: u16 = 0, 65, "motor battery high", AdCounts, 0..=4095,
+            "fault 17: from this on (171 is 1 V); 0 is off";
+        servo_battery_low: u16 = 1820, 66, "servo battery low", AdCounts, 0..=4095,
+            "fault 18: below this (1820 is 4 V); 0 is off";
+        main_battery_low: u16 = 2002, 67, "main battery low", AdCounts, 0..=4095,
+            "fault 19: below this (2002 is 4.4 V); 0 is off";
+        driver_hot: u16 = 1096, 68, "driver hot", AdCounts, 0..=4095,
+            "fault 20: below this (1096 is 90 degrees, less is hotter); 0 is off";
+        ambient_hot: u16 = 3692, 69, "ambient hot", AdCounts, 0..=4095,
+            "fault 21: from this on (3692 is 70 degrees); 0 is off";
+        lasts_ms: u16 = 1000, 70, "battery and heat time", Milliseconds, 0..=60000,
+            "faults 16 to 21: how long it must last";
+        missed_periods: u16 = 100, 71, "missed periods", Milliseconds, 0..=9000,
+            "fault 23: so many missed in a row; 0 is off";
+        no_motor_battery: u16 = 171, 72, "no motor battery", AdCounts, 0..=4095,
+            "fault 16: below this there is none (171 is 1 V)";
+        no_battery: u16 = 455, 73, "no battery", AdCounts, 0..=4095,
+            "faults 18, 19: below this there is none (455 is 1 V)";
+        /// By default hotter than any driver that still drives.
+        no_driver: u16 = 400, 74, "no driver", AdCounts, 0..=4095,
+            "fault 20: below this there is none (400 is 150 degrees)";
+        no_thermometer: u16 = 4040, 75, "no thermometer", AdCounts, 0..=4095,
+            "fault 21: from this on there is none (4040 is 80 degrees)";
+    }
+    and {
+        80 + 2 * [0..=5], "soft limit low", Counts, 0..=32767, 0,
+            "channel n is driven no lower; equal to the next one it is off",
+            |s, n| Some(&mut s.control.soft_limits.get_mut(n)?.low);
+        81 + 2 * [0..=5], "soft limit high", Counts, 0..=32767, 0,
+            "channel n is driven no higher; not below the one before",
+            |s, n| Some(&mut s.control.soft_limits.get_mut(n)?.high);
+    }
+
+    /// The Pioneer Arm's settings.
+    ///
+    /// The original's joint values are in no document that is left. The defaults are ours: every
+    /// joint has its home and its centre at 127, and with 140 ticks to 90 degrees the whole byte is
+    /// 0.59 to 2.41 ms of pulse (82 degrees either way), within the 0.5 to 2.5 ms that hobby servos
+    /// bear. A tick is 7 us. Another calibration is held only to what the board gives, 0.22 to
+    /// 3.11 ms.
+    ///
+    /// All of them are in force from the start on; what a host sets waits for the next.
+    ArmSettings at arm {
+        dialect: Dialect = 0 (Dialect::Manual(MotionBits::OneToSix)), 112,
+            "arm dialect", Choice, 0..=2,
+            "ARMpac's status bytes: 0 manual, 1 manual with joint 1 in bit 0, 2 ARIA's";
+        /// Nothing tells where a servo is, so this is what the arm waits by before it takes power
+        /// away, should its joints have been faster (at the lowest SPEEDs). By default twice the
+        /// 150 ms of an ordinary hobby servo without load. Our assumption; a slower servo may be short of
+        /// home when power goes off.
+        servo_ms_per_60_deg: u16 = 300, 113, "arm servo time", Milliseconds, 50..=2000,
+            "what the slowest of the arm's servos takes for 60 degrees";
+        autopark_s: u16 = 600, 114, "arm autopark", Seconds, 0..=65535,
+            "idle time until the arm parks itself; 0 is never";
+        grippark_s: u16 = 300, 115, "arm grippark", Seconds, 0..=65535,
+            "time until a closed gripper goes home; 0 is never";
+    }
+    with {
+        /// The joints: ranges in ticks, the speed at boot in ms a tick. A pulse is
+        /// 1.5 ms + (ticks - centre) / ticks_per_90 ms.
+        joints: [JointInfo; JOINTS] = [JOINT; JOINTS];
+    }
+    and {
+        120 + 8 * [1..=6], "joint speed", Milliseconds, 1..=127, 20,
+            "of a step of one tick, at boot; an arm that nobody watches goes home no faster",
+            |s, n| Some(&mut s.arm.joints.get_mut(n)?.ms_per_tick);
+        121 + 8 * [1..=6], "joint home", Ticks, 0..=255, 127,
+            "home position, from lowest to highest",
+            |s, n| Some(&mut s.arm.joints.get_mut(n)?.home);
+        122 + 8 * [1..=6], "joint min", Ticks, 0..=255, 0,
+            "lowest position",
+            |s, n| Some(&mut s.arm.joints.get_mut(n)?.min);
+        123 + 8 * [1..=6], "joint centre", Ticks, 0..=255, 127,
+            "position of 0 degrees and of a pulse of 1.5 ms",
+            |s, n| Some(&mut s.arm.joints.get_mut(n)?.centre);
+        124 + 8 * [1..=6], "joint max", Ticks, 0..=255, 255,
+            "highest position, not below the lowest",
+            |s, n| Some(&mut s.arm.joints.get_mut(n)?.max);
+        125 + 8 * [1..=6], "joint ticks per 90", Ticks, 1..=255, 140,
+            "of 90 degrees and 1 ms of pulse; lowest and highest position must be 0.22 to 3.11 ms",
+            |s, n| Some(&mut s.arm.joints.get_mut(n)?.ticks_per_90);
     }
 }

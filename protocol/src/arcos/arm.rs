@@ -4,7 +4,8 @@
 //! position can be reached, and whether the arm may move at all, is the arm's business.
 
 use super::command;
-use super::packet::{Argument, BadArgument, EncodeError, encode_command};
+use super::packet::{Argument, BadArgument, encode_command};
+use crate::data::EncodeError;
 
 /// Joints of the arm, and servos: there are six.
 pub const JOINTS: usize = 6;

@@ -29,9 +29,10 @@
 //! stay 0; "unknown" are commands that are not the arm's, "refused" those that were refused or
 //! ignored.
 
-use super::packet::{Argument, EncodeError, OVERHEAD, Packet, encode_command};
+use super::packet::{Argument, OVERHEAD, Packet, encode_command};
+use crate::data::{Data, EncodeError};
+use crate::pms5005;
 use crate::pms5005::extension::{Answer, Outcome, Request, Verdict, did};
-use crate::pms5005::{self, Data};
 
 /// The command whose argument is DATA of DID 7.
 const PARAMETERS: u8 = did::OUTCOME;

@@ -27,10 +27,11 @@ mod packet;
 mod report;
 mod session;
 
+pub use crate::data::EncodeError;
 pub use arm::{ArmCommand, JOINTS, Joint, Joints, Refusal, StatusRequest};
 pub use packet::{
-    Arcos, Argument, BadArgument, EncodeError, MAX_DATA, MAX_RECEIVED, MAX_SENT, OVERHEAD, Packet,
-    Receiver, START, encode_command,
+    Arcos, Argument, BadArgument, MAX_DATA, MAX_RECEIVED, MAX_SENT, OVERHEAD, Packet, Receiver,
+    START, encode_command,
 };
 pub use report::{ArmInfo, ArmStatus, Dialect, JointInfo, MotionBits};
 pub use session::{Names, SYNC, Standard};

@@ -4,6 +4,7 @@
 //! in `id` and at most one [`Argument`] as data; what a robot sends is a *server information
 //! packet* (SIP) whose data depends on `id`. Source: facts, "Packets".
 
+use crate::data::{Data, EncodeError, append};
 use crate::deframe::{Deframer, Framing};
 
 /// What every packet begins with.
@@ -28,9 +29,6 @@ pub const MAX_RECEIVED: usize = NOT_COUNTED + 249;
 pub const MAX_SENT: usize = 200;
 /// The longest data of a packet that is sent.
 pub const MAX_DATA: usize = MAX_SENT - OVERHEAD;
-
-/// Data under construction.
-pub(super) type Data = heapless::Vec<u8, MAX_DATA>;
 
 /// The sum of the 16-bit words from the id on, high byte first, modulo 2^16; an odd last byte is
 /// XORed into the low byte.
@@ -62,33 +60,6 @@ impl Framing for Arcos {
 
 /// Finds ARCOS packets in a stream of bytes.
 pub type Receiver = Deframer<Arcos, MAX_RECEIVED>;
-
-/// Why a packet could not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum EncodeError {
-    /// The packet would be longer than [`MAX_SENT`].
-    TooLong,
-    /// The buffer given is shorter than the packet.
-    BufferTooShort,
-    /// A text that holds a NUL, which would end it early.
-    NulInText,
-    /// The value has no form on the wire.
-    NotRepresentable,
-}
-
-impl core::fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "more than 200 bytes in a packet: shorten its text",
-            Self::BufferTooShort => "the buffer is shorter than the packet",
-            Self::NulInText => "a text may not hold a NUL: it ends there",
-            Self::NotRepresentable => "the value has no form on the wire: see its documented range",
-        })
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 /// A packet's fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -217,11 +188,6 @@ pub fn encode_command<'b>(
         argument.emit(&mut data)?;
     }
     Packet { id: number, data: &data }.encode(out)
-}
-
-/// Appends to data.
-pub(super) fn append(data: &mut Data, bytes: &[u8]) -> Result<(), EncodeError> {
-    data.extend_from_slice(bytes).map_err(|_| EncodeError::TooLong)
 }
 
 /// Appends a text and the NUL that ends it.

@@ -4,7 +4,8 @@
 //! which one is spoken is a [`Dialect`]. Source: facts, "Contradictions".
 
 use super::arm::JOINTS;
-use super::packet::{Data, EncodeError, Packet, append, append_text, take_text};
+use super::packet::{Packet, append_text, take_text};
+use crate::data::{Data, EncodeError, Field, append, record};
 
 /// Which bits of a byte tell that joints 1 to 6 are in motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -155,22 +156,23 @@ impl ArmStatus {
     }
 }
 
-/// What a joint is like (ARMINFOpac, Table 3). Positions are in ticks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct JointInfo {
-    /// Milliseconds a step of one tick, 1 to 127.
-    pub ms_per_tick: u8,
-    /// Home position.
-    pub home: u8,
-    /// Lowest position.
-    pub min: u8,
-    /// The position of 0 degrees.
-    pub centre: u8,
-    /// Highest position.
-    pub max: u8,
-    /// Ticks of 90 degrees, 1 to 255.
-    pub ticks_per_90: u8,
+record! {
+    /// What a joint is like (ARMINFOpac, Table 3). Positions are in ticks.
+    #[derive(Default)]
+    pub struct JointInfo {
+        /// Milliseconds a step of one tick, 1 to 127.
+        pub ms_per_tick: u8,
+        /// Home position.
+        pub home: u8,
+        /// Lowest position.
+        pub min: u8,
+        /// The position of 0 degrees.
+        pub centre: u8,
+        /// Highest position.
+        pub max: u8,
+        /// Ticks of 90 degrees, 1 to 255.
+        pub ticks_per_90: u8,
+    }
 }
 
 /// What the arm is like (ARMINFOpac, Table 3).
@@ -210,10 +212,7 @@ impl<'a> ArmInfo<'a> {
             Self::Arm { version, joints } => {
                 append_text(&mut data, version)?;
                 append(&mut data, &[SIX])?;
-                for joint in joints {
-                    let JointInfo { ms_per_tick, home, min, centre, max, ticks_per_90 } = *joint;
-                    append(&mut data, &[ms_per_tick, home, min, centre, max, ticks_per_90])?;
-                }
+                joints.put(&mut data)?;
             }
         }
         Packet { id: Self::ID, data: &data }.encode(out)
@@ -223,15 +222,11 @@ impl<'a> ArmInfo<'a> {
     pub fn parse(packet: &Packet<'a>) -> Option<Self> {
         let mut data = (packet.id == Self::ID).then_some(packet.data)?;
         let version = take_text(&mut data)?;
-        match *data {
-            [0] => Some(Self::NoArm),
-            [SIX, ref rest @ ..] => {
-                let (rows, []) = rest.as_chunks::<6>() else { return None };
-                let rows: &[[u8; 6]; JOINTS] = rows.try_into().ok()?;
-                let joints = rows.map(|[ms_per_tick, home, min, centre, max, ticks_per_90]| {
-                    JointInfo { ms_per_tick, home, min, centre, max, ticks_per_90 }
-                });
-                Some(Self::Arm { version, joints })
+        match u8::take(&mut data)? {
+            0 if data.is_empty() => Some(Self::NoArm),
+            SIX => {
+                let joints = Field::take(&mut data)?;
+                data.is_empty().then_some(Self::Arm { version, joints })
             }
             _ => None,
         }

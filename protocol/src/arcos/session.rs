@@ -7,7 +7,8 @@
 //! When standard packets come instead of the answer to SYNC0, it sends CLOSE and begins again.
 //! Source: facts, "Session".
 
-use super::packet::{Data, EncodeError, Packet, append, append_text, take_text};
+use super::packet::{Packet, append_text, take_text};
+use crate::data::{Data, EncodeError, Field, record};
 
 /// SYNC0, SYNC1, SYNC2, as a host sends them; the robot's answers to the first two are the same
 /// packets.
@@ -50,29 +51,30 @@ impl<'a> Names<'a> {
     }
 }
 
-/// The standard information packet, in the shortest form that hosts accept: no sonar readings and
-/// nothing behind them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Standard {
-    /// Odometry, in the robot's units.
-    pub x: u16,
-    /// Odometry, in the robot's units.
-    pub y: u16,
-    /// Odometry, in the robot's units.
-    pub heading: i16,
-    /// Velocity of the left and the right wheels, in mm/s.
-    pub velocities: [i16; 2],
-    /// Battery, in 0.1 V.
-    pub battery_dv: u8,
-    /// Stalled wheels and bumpers, as bits.
-    pub stall: u16,
-    /// Set-point of the heading.
-    pub control: i16,
-    /// Motors enabled, and others, as bits.
-    pub flags: u16,
-    /// Compass, in 2 degrees.
-    pub compass: u8,
+record! {
+    /// The standard information packet, in the shortest form that hosts accept: no sonar readings and
+    /// nothing behind them.
+    #[derive(Default)]
+    pub struct Standard {
+        /// Odometry, in the robot's units.
+        pub x: u16,
+        /// Odometry, in the robot's units.
+        pub y: u16,
+        /// Odometry, in the robot's units.
+        pub heading: i16,
+        /// Velocity of the left and the right wheels, in mm/s.
+        pub velocities: [i16; 2],
+        /// Battery, in 0.1 V.
+        pub battery_dv: u8,
+        /// Stalled wheels and bumpers, as bits.
+        pub stall: u16,
+        /// Set-point of the heading.
+        pub control: i16,
+        /// Motors enabled, and others, as bits.
+        pub flags: u16,
+        /// Compass, in 2 degrees.
+        pub compass: u8,
+    }
 }
 
 impl Standard {
@@ -85,48 +87,17 @@ impl Standard {
     /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let mut data = Data::new();
-        append(&mut data, &self.x.to_le_bytes())?;
-        append(&mut data, &self.y.to_le_bytes())?;
-        append(&mut data, &self.heading.to_le_bytes())?;
-        for velocity in self.velocities {
-            append(&mut data, &velocity.to_le_bytes())?;
-        }
-        append(&mut data, &[self.battery_dv])?;
-        append(&mut data, &self.stall.to_le_bytes())?;
-        append(&mut data, &self.control.to_le_bytes())?;
-        append(&mut data, &self.flags.to_le_bytes())?;
-        append(&mut data, &[self.compass, NO_SONAR])?;
+        self.put(&mut data)?;
+        NO_SONAR.put(&mut data)?;
         Packet { id: Self::ID, data: &data }.encode(out)
     }
 
     /// Reads an intact packet; `None` if it is another, or of another form.
     pub fn parse(packet: &Packet<'_>) -> Option<Self> {
-        if packet.id != Self::ID {
-            return None;
-        }
-        let word = |at: usize| {
-            let bytes = packet.data.get(at..)?.first_chunk::<2>()?;
-            Some(u16::from_le_bytes(*bytes))
-        };
-        let signed = |at| word(at).map(u16::cast_signed);
-        match packet.data {
-            &[.., compass, NO_SONAR] if packet.data.len() == Self::DATA => Some(Self {
-                x: word(0)?,
-                y: word(2)?,
-                heading: signed(4)?,
-                velocities: [signed(6)?, signed(8)?],
-                battery_dv: *packet.data.get(10)?,
-                stall: word(11)?,
-                control: signed(13)?,
-                flags: word(15)?,
-                compass,
-            }),
-            _ => None,
-        }
+        let mut data = (packet.id == Self::ID).then_some(packet.data)?;
+        let standard = Self::take(&mut data)?;
+        (data == [NO_SONAR]).then_some(standard)
     }
-
-    /// Bytes of data in this form.
-    const DATA: usize = 19;
 }
 
 /// How many sonar readings follow.

@@ -1,6 +1,7 @@
 //! What a master asks for (manual 3-2 and 4), typed, both directions.
 
-use super::packet::{EncodeError, Id, Packet, PacketWriter};
+use super::packet::{Id, Packet, PacketWriter};
+use crate::data::EncodeError;
 
 /// Instruction codes (manual 4).
 mod code {

@@ -16,10 +16,11 @@ mod packet;
 mod register;
 mod status;
 
+pub use crate::data::EncodeError;
 pub use instruction::{Instruction, Refusal, SyncWrite, SyncWriter};
 pub use packet::{
-    Dynamixel, EncodeError, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD,
-    Packet, PacketError, StatusReceiver,
+    Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD, Packet,
+    PacketError, StatusReceiver,
 };
 pub use register::{Access, REGISTER_BYTES, Register};
 pub use status::{Errors, Status};

@@ -5,6 +5,7 @@
 //! two directions apart.
 
 use super::register::REGISTER_BYTES;
+use crate::data::EncodeError;
 use crate::deframe::{Deframer, Framing};
 
 /// What begins every packet.
@@ -107,27 +108,6 @@ impl core::fmt::Display for PacketError {
 }
 
 impl core::error::Error for PacketError {}
-
-/// Why a packet could not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum EncodeError {
-    /// More parameters than LEN can tell.
-    TooLong,
-    /// The buffer given is shorter than the packet.
-    BufferTooShort,
-}
-
-impl core::fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "more than 253 parameters: split the instruction",
-            Self::BufferTooShort => "the buffer is shorter than the packet",
-        })
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 impl<'a> Packet<'a> {
     /// Takes one whole packet apart.

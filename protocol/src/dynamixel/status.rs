@@ -1,6 +1,7 @@
 //! What a servo answers: error bits and what was read.
 
-use super::packet::{EncodeError, Id, Packet};
+use super::packet::{Id, Packet};
+use crate::data::EncodeError;
 
 /// The error bits of a status packet (manual 3-3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

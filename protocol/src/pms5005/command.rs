@@ -6,9 +6,10 @@
 
 use super::did;
 use super::extension::Request;
-use super::frame::{Data, EncodeError, Frame, RID_PMS5005};
+use super::frame::{Frame, RID_PMS5005};
 use super::motion::Move;
 use super::parameter::Parameters;
+use crate::data::{Data, EncodeError, append};
 
 /// DC motor channels, and servo channels: there are six of each.
 pub const CHANNELS: usize = 6;
@@ -137,15 +138,20 @@ const FIRST_SERVO: u8 = 6;
 /// Which telemetry a request is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
 pub enum Reports {
     /// Motor control signals (DID 123).
-    Motors,
+    Motors = did::MOTORS,
     /// Custom GPIO and A/D (DID 124).
-    CustomIo,
+    CustomIo = did::CUSTOM_IO,
     /// Sensors (DID 125).
-    Sensors,
+    Sensors = did::SENSORS,
     /// All three of them (DID 127).
-    All,
+    All = did::ALL_REPORTS,
+}
+
+impl Reports {
+    const ALL: [Self; 4] = [Self::Motors, Self::CustomIo, Self::Sensors, Self::All];
 }
 
 /// How often telemetry is asked for.
@@ -162,10 +168,10 @@ pub enum Repeat {
 
 impl Repeat {
     /// DATA of a request for telemetry: nothing, or how often.
-    pub(super) fn parse(count: Option<u8>) -> Self {
+    pub(super) fn parse(count: Option<&u8>) -> Self {
         match count {
             None => Self::Continuous,
-            Some(count) => core::num::NonZeroU8::new(count).map_or(Self::Stop, Self::Times),
+            Some(&count) => core::num::NonZeroU8::new(count).map_or(Self::Stop, Self::Times),
         }
     }
 
@@ -226,6 +232,12 @@ impl<'a> Command<'a> {
         if let Some(request) = Request::parse(did, data) {
             return request.map(Self::Extension);
         }
+        if let Some(reports) = Reports::ALL.into_iter().find(|reports| *reports as u8 == did) {
+            return match data {
+                [] | [_] => Ok(Self::Telemetry { reports, repeat: Repeat::parse(data.first()) }),
+                _ => Err(bad_length),
+            };
+        }
         match (did, data) {
             (did::PARAMETERS, _) => Parameters::parse(data).map(Self::Parameters),
             (did::GPIO, &[outputs]) => Ok(Self::GpioOutputs(outputs)),
@@ -245,23 +257,10 @@ impl<'a> Command<'a> {
                 let scope = scope.ok_or(Refusal::NoSuchChannel(number))?;
                 Ok(Self::Run { scope, run: flag(did, mode)? })
             }
-            (did::MOTORS | did::CUSTOM_IO | did::SENSORS | did::ALL_REPORTS, [] | [_]) => {
-                let reports = match did {
-                    did::MOTORS => Reports::Motors,
-                    did::CUSTOM_IO => Reports::CustomIo,
-                    did::SENSORS => Reports::Sensors,
-                    _ => Reports::All,
-                };
-                let repeat = Repeat::parse(data.first().copied());
-                Ok(Self::Telemetry { reports, repeat })
-            }
             (did::SETUP, &[kind]) => {
                 Ok(if flag(did, kind)? { Self::PingOrAck } else { Self::Ping })
             }
-            (did::GPIO | did::LCD | did::RUN | did::SETUP, _)
-            | (did::MOTORS | did::CUSTOM_IO | did::SENSORS | did::ALL_REPORTS, _) => {
-                Err(bad_length)
-            }
+            (did::GPIO | did::LCD | did::RUN | did::SETUP, _) => Err(bad_length),
             _ => Err(Refusal::UnknownDid(did)),
         }
     }
@@ -274,12 +273,7 @@ impl<'a> Command<'a> {
             Self::GpioOutputs(_) => did::GPIO,
             Self::Lcd(_) => did::LCD,
             Self::Run { .. } => did::RUN,
-            Self::Telemetry { reports, .. } => match reports {
-                Reports::Motors => did::MOTORS,
-                Reports::CustomIo => did::CUSTOM_IO,
-                Reports::Sensors => did::SENSORS,
-                Reports::All => did::ALL_REPORTS,
-            },
+            Self::Telemetry { reports, .. } => *reports as u8,
             Self::PingOrAck | Self::Ping => did::SETUP,
             Self::Extension(request) => request.did(),
         }
@@ -325,11 +319,6 @@ impl<'a> Command<'a> {
             Self::Extension(request) => request.emit(data),
         }
     }
-}
-
-/// Appends to DATA.
-pub(super) fn append(data: &mut Data, bytes: &[u8]) -> Result<(), EncodeError> {
-    data.extend_from_slice(bytes).map_err(|_| EncodeError::DataTooLong)
 }
 
 /// 0 or 1.

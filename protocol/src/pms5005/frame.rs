@@ -5,6 +5,7 @@
 
 use crc::{CRC_8_MAXIM_DOW, Crc, Table};
 
+use crate::data::EncodeError;
 use crate::deframe::{Deframer, Framing};
 
 /// Start of transmission (section II.1).
@@ -29,9 +30,6 @@ pub const MAX_FRAME: usize = OVERHEAD + MAX_DATA;
 /// The checksum over RID to DATA. The code of Figure II.1 is CRC-8/MAXIM: x^8 + x^5 + x^4 + 1,
 /// reflected (0x8C), initial value 0.
 const CRC: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&CRC_8_MAXIM_DOW);
-
-/// DATA under construction.
-pub type Data = heapless::Vec<u8, MAX_DATA>;
 
 /// RID of the host (section II.2).
 pub const RID_HOST: u8 = 0;
@@ -77,30 +75,6 @@ pub struct Frame<'a> {
     pub data: &'a [u8],
 }
 
-/// Why a frame could not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum EncodeError {
-    /// DATA is longer than LEN can tell, or what is to go into it does not fit.
-    DataTooLong,
-    /// The buffer given is shorter than the frame.
-    BufferTooShort,
-    /// The value has no form on the wire: an empty list, a target out of its range.
-    NotRepresentable,
-}
-
-impl core::fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::DataTooLong => "more than 255 bytes of DATA: split the command",
-            Self::BufferTooShort => "the buffer is shorter than the frame",
-            Self::NotRepresentable => "the value has no form on the wire: see its documented range",
-        })
-    }
-}
-
-impl core::error::Error for EncodeError {}
-
 impl<'a> Frame<'a> {
     /// Takes an intact frame apart, as [`Receiver`] hands it out. `None` if it is too short to
     /// be one; the checksum is the receiver's business.
@@ -117,9 +91,9 @@ impl<'a> Frame<'a> {
     /// Writes the frame into `out` and answers the part it took.
     ///
     /// # Errors
-    /// [`EncodeError::DataTooLong`], [`EncodeError::BufferTooShort`].
+    /// [`EncodeError::TooLong`], [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let len = u8::try_from(self.data.len()).map_err(|_| EncodeError::DataTooLong)?;
+        let len = u8::try_from(self.data.len()).map_err(|_| EncodeError::TooLong)?;
         let total = self.data.len().saturating_add(OVERHEAD);
         let frame = out.get_mut(..total).ok_or(EncodeError::BufferTooShort)?;
         let header = [STX[0], STX[1], self.rid, self.res, self.did, len];
@@ -179,7 +153,7 @@ mod tests {
         assert_eq!(frame.encode(&mut [0; 9]), Err(EncodeError::BufferTooShort));
         assert_eq!(
             Frame { data: &[0; 256], ..frame }.encode(&mut [0; 300]),
-            Err(EncodeError::DataTooLong)
+            Err(EncodeError::TooLong)
         );
     }
 }

@@ -36,10 +36,11 @@ mod motion;
 mod parameter;
 mod report;
 
+pub use crate::data::{Data, EncodeError};
 pub use command::{CHANNELS, Channel, Command, LcdFrame, Refusal, Repeat, Reports, Scope};
 pub use frame::{
-    Data, ETX, EncodeError, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, RES_NO_ACK, RID_HOST,
-    RID_PMS5005, Receiver, STX,
+    ETX, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, RES_NO_ACK, RID_HOST, RID_PMS5005,
+    Receiver, STX,
 };
 pub use motion::{Addressing, Move, Quantity};
 pub use parameter::{Gain, Loop, Method, Parameter, Parameters, Polarity, Sensor};

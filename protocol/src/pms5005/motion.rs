@@ -1,8 +1,8 @@
 //! Motion commands: DIDs 3 to 6 and 26 to 29 of Table II.1, in their two forms.
 
-use super::command::{CHANNELS, Channel, Refusal, append};
+use super::command::{CHANNELS, Channel, Refusal};
 use super::did;
-use super::frame::{Data, EncodeError};
+use crate::data::{Data, EncodeError, Field};
 
 /// The documented flag before the time of a list, and the one that some hosts use.
 const TIME_FLAG: u8 = 28;
@@ -72,22 +72,19 @@ pub struct Move {
 impl Move {
     /// The quantity and the form that a motion DID stands for.
     fn kind(did: u8) -> Option<(Quantity, Addressing)> {
-        Some(match did {
-            did::POSITION => (Quantity::Position, Addressing::List),
-            did::POSITION_ALL => (Quantity::Position, Addressing::All),
-            did::PWM => (Quantity::Pwm, Addressing::List),
-            did::PWM_ALL => (Quantity::Pwm, Addressing::All),
-            did::VELOCITY => (Quantity::Velocity, Addressing::List),
-            did::VELOCITY_ALL => (Quantity::Velocity, Addressing::All),
-            did::SERVO => (Quantity::Servo, Addressing::List),
-            did::SERVO_ALL => (Quantity::Servo, Addressing::All),
-            _ => return None,
-        })
+        let quantities = [Quantity::Position, Quantity::Pwm, Quantity::Velocity, Quantity::Servo];
+        let forms = |quantity| [(quantity, Addressing::List), (quantity, Addressing::All)];
+        let mut kinds = quantities.into_iter().flat_map(forms);
+        kinds.find(|&(quantity, addressing)| Self::did_of(quantity, addressing) == did)
     }
 
     /// Its DID.
     pub(super) fn did(&self) -> u8 {
-        match (self.quantity, self.addressing) {
+        Self::did_of(self.quantity, self.addressing)
+    }
+
+    const fn did_of(quantity: Quantity, addressing: Addressing) -> u8 {
+        match (quantity, addressing) {
             (Quantity::Position, Addressing::List) => did::POSITION,
             (Quantity::Position, Addressing::All) => did::POSITION_ALL,
             (Quantity::Pwm, Addressing::List) => did::PWM,
@@ -146,19 +143,18 @@ impl Move {
     /// Appends DATA.
     pub(super) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         let (low, high) = self.quantity.range();
-        let time = self.periods.to_le_bytes();
         for (channel, target) in Channel::ALL.into_iter().zip(self.targets) {
             match (target, self.addressing) {
                 (Some(target), _) if !(low..=high).contains(&target) => {
                     return Err(EncodeError::NotRepresentable);
                 }
                 (Some(target), Addressing::List) => {
-                    append(data, &[channel.number()])?;
-                    append(data, &target.to_le_bytes())?;
+                    channel.number().put(data)?;
+                    target.put(data)?;
                 }
-                (Some(target), Addressing::All) => append(data, &target.to_le_bytes())?,
+                (Some(target), Addressing::All) => target.put(data)?,
                 (None, Addressing::List) => {}
-                (None, Addressing::All) => append(data, &NO_CONTROL.to_le_bytes())?,
+                (None, Addressing::All) => NO_CONTROL.put(data)?,
             }
         }
         if data.is_empty() {
@@ -166,9 +162,9 @@ impl Move {
         }
         if self.periods > 0 {
             if self.addressing == Addressing::List {
-                append(data, &[TIME_FLAG])?;
+                TIME_FLAG.put(data)?;
             }
-            append(data, &time)?;
+            self.periods.put(data)?;
         }
         Ok(())
     }

@@ -4,9 +4,9 @@
 //! `07 ch 01 KpL KpH 02 KdL KdH 03 M N` is what hosts send. [`Parameters`] is DATA that has been
 //! read through once and found well formed; it yields one [`Parameter`] after the other.
 
-use super::command::{Channel, Refusal, append, flag};
+use super::command::{Channel, Refusal, flag};
 use super::did;
-use super::frame::{Data, EncodeError};
+use crate::data::{Data, EncodeError, append};
 
 /// Sub-command numbers (Table II.1).
 mod sub {
@@ -31,9 +31,9 @@ mod gain {
 pub enum Polarity {
     /// It rises: 1 on the wire.
     #[default]
-    Positive,
+    Positive = 1,
     /// It falls: 0xFF on the wire.
-    Negative,
+    Negative = 0xFF,
 }
 
 /// The control loop that gains belong to.
@@ -70,11 +70,11 @@ pub enum Gain {
 pub enum Sensor {
     /// One potentiometer, 0 to 4095.
     #[default]
-    SinglePotentiometer,
+    SinglePotentiometer = 0,
     /// Two potentiometers half a turn apart, 0 to 4427 and round again.
-    DualPotentiometer,
+    DualPotentiometer = 1,
     /// A quadrature encoder, 0 to 32767 and round again.
-    Encoder,
+    Encoder = 2,
 }
 
 /// How a channel is controlled (sub-command 0E).
@@ -82,11 +82,11 @@ pub enum Sensor {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Method {
     /// Open loop: the PWM is the command.
-    Pwm,
+    Pwm = 0,
     /// Closed loop on position.
-    Position,
+    Position = 1,
     /// Closed loop on velocity.
-    Velocity,
+    Velocity = 2,
 }
 
 /// One parameter of one channel.
@@ -109,15 +109,11 @@ impl Parameter {
     /// Appends the sub-command to DATA; [`Parameters::parse`] makes a command of it.
     ///
     /// # Errors
-    /// [`EncodeError::DataTooLong`] when DATA is full.
+    /// [`EncodeError::TooLong`] when DATA is full.
     pub fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match *self {
             Self::Polarity(channel, polarity) => {
-                let byte = match polarity {
-                    Polarity::Positive => 1,
-                    Polarity::Negative => 0xFF,
-                };
-                append(data, &[sub::POLARITY, channel.number(), byte])
+                append(data, &[sub::POLARITY, channel.number(), polarity as u8])
             }
             Self::Gain(channel, control_loop, gain) => {
                 let sub = match control_loop {
@@ -132,20 +128,10 @@ impl Parameter {
                 append(data, &[sub, channel.number(), number, first, second])
             }
             Self::Sensor(channel, sensor) => {
-                let byte = match sensor {
-                    Sensor::SinglePotentiometer => 0,
-                    Sensor::DualPotentiometer => 1,
-                    Sensor::Encoder => 2,
-                };
-                append(data, &[sub::SENSOR, channel.number(), byte])
+                append(data, &[sub::SENSOR, channel.number(), sensor as u8])
             }
             Self::Method(channel, method) => {
-                let byte = match method {
-                    Method::Pwm => 0,
-                    Method::Position => 1,
-                    Method::Velocity => 2,
-                };
-                append(data, &[sub::METHOD, channel.number(), byte])
+                append(data, &[sub::METHOD, channel.number(), method as u8])
             }
             Self::CollisionProtection(on) => append(data, &[sub::COLLISION, u8::from(on)]),
         }
@@ -209,11 +195,9 @@ impl<'a> Walk<'a> {
         let (parameter, rest) = match *self.rest {
             [] => return Ok(None),
             [sub::POLARITY, channel, value, ref rest @ ..] => {
-                let polarity = match value {
-                    1 => Polarity::Positive,
-                    0xFF => Polarity::Negative,
-                    _ => return Err(bad_value(value)),
-                };
+                let known = [Polarity::Positive, Polarity::Negative];
+                let polarity = known.into_iter().find(|polarity| *polarity as u8 == value);
+                let polarity = polarity.ok_or(bad_value(value))?;
                 (Parameter::Polarity(existing(channel)?, polarity), rest)
             }
             [sub @ (sub::POSITION_GAINS | sub::VELOCITY_GAINS), channel, ref rest @ ..] => {
@@ -229,21 +213,16 @@ impl<'a> Walk<'a> {
                 return Ok(Some(Parameter::Gain(channel, control_loop, gain)));
             }
             [sub::SENSOR, channel, value, ref rest @ ..] => {
-                let sensor = match value {
-                    0 => Sensor::SinglePotentiometer,
-                    1 => Sensor::DualPotentiometer,
-                    2 => Sensor::Encoder,
-                    _ => return Err(bad_value(value)),
-                };
+                let known =
+                    [Sensor::SinglePotentiometer, Sensor::DualPotentiometer, Sensor::Encoder];
+                let sensor = known.into_iter().find(|sensor| *sensor as u8 == value);
+                let sensor = sensor.ok_or(bad_value(value))?;
                 (Parameter::Sensor(existing(channel)?, sensor), rest)
             }
             [sub::METHOD, channel, value, ref rest @ ..] => {
-                let method = match value {
-                    0 => Method::Pwm,
-                    1 => Method::Position,
-                    2 => Method::Velocity,
-                    _ => return Err(bad_value(value)),
-                };
+                let known = [Method::Pwm, Method::Position, Method::Velocity];
+                let method = known.into_iter().find(|method| *method as u8 == value);
+                let method = method.ok_or(bad_value(value))?;
                 (Parameter::Method(existing(channel)?, method), rest)
             }
             [sub::COLLISION, value, ref rest @ ..] => {

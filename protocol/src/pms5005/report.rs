@@ -8,7 +8,8 @@
 //! that value one least significant bit away. Counts and flags are sent as they are.
 
 use super::did;
-use super::frame::{DATA, ETX, EncodeError, Frame, RES_NO_ACK, RID_HOST, seal};
+use super::frame::{DATA, ETX, Frame, RES_NO_ACK, RID_HOST, seal};
+use crate::data::{Data, EncodeError, Field, record};
 
 /// The highest A/D value: converters have 12 bits.
 const AD_MAX: u16 = 4095;
@@ -37,38 +38,40 @@ pub struct MotorReport {
     pub encoders: [Encoder; 2],
 }
 
-/// Custom GPIO and A/D (DID 124, Table II.3).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct CustomIoReport {
-    /// A/D values of the custom channels.
-    pub custom_ad: [u16; 8],
-    /// Input port: bit 0 is input 0.
-    pub inputs: u8,
+record! {
+    /// Custom GPIO and A/D (DID 124, Table II.3).
+    #[derive(Default)]
+    pub struct CustomIoReport {
+        /// A/D values of the custom channels.
+        pub custom_ad: [u16; 8],
+        /// Input port: bit 0 is input 0.
+        pub inputs: u8,
+    }
 }
 
-/// Sensors (DID 125, Table II.4).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct SensorReport {
-    /// Ultrasonic ranges in cm; 255 when nothing is in range.
-    pub sonar_cm: [u8; 6],
-    /// Human sensors: alarm 1, motion 1, alarm 2, motion 2 (A/D).
-    pub human: [u16; 4],
-    /// Tilt: X axis, Y axis (A/D).
-    pub tilt: [u16; 2],
-    /// Temperature of the two motor driver boards (A/D).
-    pub overheat: [u16; 2],
-    /// Ambient temperature (A/D).
-    pub temperature: u16,
-    /// Infrared range (A/D).
-    pub ir_range: u16,
-    /// Infrared remote control: three bytes of key code, then 255 while the key is held.
-    pub ir_command: [u8; 4],
-    /// Batteries: main board, DC motors, servos (A/D).
-    pub battery: [u16; 3],
-    /// Reference voltages: Vcc, Vref of the potentiometers (A/D).
-    pub reference: [u16; 2],
+record! {
+    /// Sensors (DID 125, Table II.4).
+    #[derive(Default)]
+    pub struct SensorReport {
+        /// Ultrasonic ranges in cm; 255 when nothing is in range.
+        pub sonar_cm: [u8; 6],
+        /// Human sensors: alarm 1, motion 1, alarm 2, motion 2 (A/D).
+        pub human: [u16; 4],
+        /// Tilt: X axis, Y axis (A/D).
+        pub tilt: [u16; 2],
+        /// Temperature of the two motor driver boards (A/D).
+        pub overheat: [u16; 2],
+        /// Ambient temperature (A/D).
+        pub temperature: u16,
+        /// Infrared range (A/D).
+        pub ir_range: u16,
+        /// Infrared remote control: three bytes of key code, then 255 while the key is held.
+        pub ir_command: [u8; 4],
+        /// Batteries: main board, DC motors, servos (A/D).
+        pub battery: [u16; 3],
+        /// Reference voltages: Vcc, Vref of the potentiometers (A/D).
+        pub reference: [u16; 2],
+    }
 }
 
 /// A telemetry frame.
@@ -109,195 +112,89 @@ impl Report {
     /// # Errors
     /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let mut data = Fields::default();
+        let mut data = Data::new();
         match self {
-            Self::Motors(report) => report.emit(&mut data),
-            Self::CustomIo(report) => report.emit(&mut data),
-            Self::Sensors(report) => report.emit(&mut data),
+            Self::Motors(report) => report.put(&mut data)?,
+            Self::CustomIo(report) => report.put(&mut data)?,
+            Self::Sensors(report) => report.put(&mut data)?,
         }
-        let frame = Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data.bytes };
+        for (at, size) in self.measured() {
+            give_way(&mut data, at, size);
+        }
+        let frame = Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data };
         let frame = frame.encode(out)?;
-        avoid_false_etx_in_checksum(frame, &data.measured);
+        avoid_false_etx_in_checksum(frame, self.measured().map(|(at, _)| at));
         Ok(frame)
     }
 
+    /// Where the measured values stand in DATA, and how many bytes each has.
+    fn measured(&self) -> impl Iterator<Item = (usize, usize)> {
+        let (bytes, words) = match self {
+            Self::Motors(_) => (0..0, [0..24, 0..0]),
+            Self::CustomIo(_) => (0..0, [0..16, 0..0]),
+            Self::Sensors(_) => (0..6, [6..26, 30..40]),
+        };
+        let words = words.into_iter().flat_map(|words| words.step_by(2));
+        bytes.map(|at| (at, 1)).chain(words.map(|at| (at, 2)))
+    }
+
     /// Reads DID and DATA of an intact frame. `None` if it is not telemetry.
-    pub fn parse(did: u8, data: &[u8]) -> Option<Self> {
-        let fields = Reader::new(data);
+    pub fn parse(did: u8, mut data: &[u8]) -> Option<Self> {
         match (did, data.len()) {
-            (did::MOTORS, len::MOTORS) => MotorReport::read(fields).map(Self::Motors),
-            (did::CUSTOM_IO, len::CUSTOM_IO) => CustomIoReport::read(fields).map(Self::CustomIo),
-            (did::SENSORS, len::SENSORS) => SensorReport::read(fields).map(Self::Sensors),
+            (did::MOTORS, len::MOTORS) => Field::take(&mut data).map(Self::Motors),
+            (did::CUSTOM_IO, len::CUSTOM_IO) => Field::take(&mut data).map(Self::CustomIo),
+            (did::SENSORS, len::SENSORS) => Field::take(&mut data).map(Self::Sensors),
             _ => None,
         }
     }
 }
 
-impl MotorReport {
-    fn emit(&self, out: &mut Fields) {
-        out.measured_words(&self.potentiometers);
-        out.measured_words(&self.currents);
-        for encoder in &self.encoders {
-            out.exact(&encoder.count.to_le_bytes());
-            out.exact(&encoder.speed.to_le_bytes());
+impl Field for MotorReport {
+    fn put(&self, data: &mut Data) -> Result<(), EncodeError> {
+        [self.potentiometers, self.currents].put(data)?;
+        let mut directions = 0;
+        for (bit, encoder) in [1, 2].into_iter().zip(self.encoders) {
+            [encoder.count, encoder.speed].put(data)?;
+            directions |= if encoder.positive { bit } else { 0u8 };
         }
-        let directions = self
-            .encoders
-            .iter()
-            .rev()
-            .fold(0, |bits: u8, encoder| (bits << 1) | u8::from(encoder.positive));
-        out.exact(&[directions]);
+        directions.put(data)
     }
 
-    fn read(mut fields: Reader<'_>) -> Option<Self> {
-        let potentiometers = fields.words()?;
-        let currents = fields.words()?;
-        let [count_1, speed_1, count_2, speed_2] = fields.words()?;
-        let [directions] = fields.bytes()?;
+    fn take(data: &mut &[u8]) -> Option<Self> {
+        let [potentiometers, currents] = Field::take(data)?;
+        let [count_1, speed_1, count_2, speed_2] = Field::take(data)?;
+        let directions = u8::take(data)?;
         let encoder = |count, speed, bit| Encoder { count, speed, positive: directions & bit != 0 };
         let encoders = [encoder(count_1, speed_1, 1), encoder(count_2, speed_2, 2)];
         Some(Self { potentiometers, currents, encoders })
     }
 }
 
-impl CustomIoReport {
-    fn emit(&self, out: &mut Fields) {
-        out.measured_words(&self.custom_ad);
-        out.exact(&[self.inputs]);
+/// Limits a measured value of this many bytes to what a converter reads, and keeps it from making a
+/// false end mark with its own bytes or with the byte before it.
+fn give_way(data: &mut Data, at: usize, size: usize) {
+    let before = at.checked_sub(1).and_then(|before| data.get(before)).copied();
+    let Some(value) = data.get_mut(at..).and_then(|rest| rest.get_mut(..size)) else { return };
+    if let [low, high] = value {
+        [*low, *high] = u16::from_le_bytes([*low, *high]).min(AD_MAX).to_le_bytes();
     }
-
-    fn read(mut fields: Reader<'_>) -> Option<Self> {
-        let custom_ad = fields.words()?;
-        let [inputs] = fields.bytes()?;
-        Some(Self { custom_ad, inputs })
-    }
-}
-
-impl SensorReport {
-    fn emit(&self, out: &mut Fields) {
-        for &range in &self.sonar_cm {
-            out.measured_byte(range);
-        }
-        out.measured_words(&self.human);
-        out.measured_words(&self.tilt);
-        out.measured_words(&self.overheat);
-        out.measured_words(&[self.temperature, self.ir_range]);
-        out.exact(&self.ir_command);
-        out.measured_words(&self.battery);
-        out.measured_words(&self.reference);
-    }
-
-    fn read(mut fields: Reader<'_>) -> Option<Self> {
-        Some(Self {
-            sonar_cm: fields.bytes()?,
-            human: fields.words()?,
-            tilt: fields.words()?,
-            overheat: fields.words()?,
-            temperature: fields.word()?,
-            ir_range: fields.word()?,
-            ir_command: fields.bytes()?,
-            battery: fields.words()?,
-            reference: fields.words()?,
-        })
-    }
-}
-
-/// Takes fields from the front of DATA.
-pub(super) struct Reader<'a> {
-    rest: &'a [u8],
-}
-
-impl<'a> Reader<'a> {
-    pub(super) fn new(data: &'a [u8]) -> Self {
-        Self { rest: data }
-    }
-
-    pub(super) fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (bytes, rest) = self.rest.split_first_chunk::<N>()?;
-        self.rest = rest;
-        Some(*bytes)
-    }
-
-    pub(super) fn word(&mut self) -> Option<u16> {
-        self.bytes().map(u16::from_le_bytes)
-    }
-
-    pub(super) fn words<const N: usize>(&mut self) -> Option<[u16; N]> {
-        let mut words = [0; N];
-        for word in &mut words {
-            *word = self.word()?;
-        }
-        Some(words)
-    }
-
-    /// A signed number of four bytes.
-    pub(super) fn number(&mut self) -> Option<i32> {
-        self.bytes().map(i32::from_le_bytes)
-    }
-
-    /// A byte that stands for something.
-    pub(super) fn code<T>(&mut self, meaning: impl Fn(u8) -> Option<T>) -> Option<T> {
-        let [code] = self.bytes()?;
-        meaning(code)
-    }
-
-    /// All that is left.
-    pub(super) fn rest(&mut self) -> &'a [u8] {
-        core::mem::take(&mut self.rest)
-    }
-}
-
-/// DATA under construction, kept free of false end marks. The tables' lengths are below the
-/// capacity, so nothing is ever cut off; the conformance tests hold every byte to its place.
-#[derive(Default)]
-struct Fields {
-    bytes: heapless::Vec<u8, { len::SENSORS }>,
-    /// Where the low bytes of measured values stand.
-    measured: heapless::Vec<u8, { len::SENSORS }>,
-}
-
-impl Fields {
-    /// Appends bytes that must be sent as they are.
-    fn exact(&mut self, bytes: &[u8]) {
-        let _ = self.bytes.extend_from_slice(bytes);
-    }
-
-    /// Appends a measured value of one byte.
-    fn measured_byte(&mut self, value: u8) {
-        let completes = self.bytes.last() == Some(&ETX[0]) && value == ETX[1];
-        self.mark();
-        self.exact(&[value ^ u8::from(completes)]);
-    }
-
-    /// Appends measured values of 12 bits.
-    fn measured_words(&mut self, values: &[u16]) {
-        for value in values {
-            let [low, high] = value.min(&AD_MAX).to_le_bytes();
-            let completes = self.bytes.last() == Some(&ETX[0]) && low == ETX[1];
-            let contains = [low, high] == ETX;
-            self.mark();
-            self.exact(&[low ^ u8::from(completes || contains), high]);
-        }
-    }
-
-    /// What comes next is measured.
-    fn mark(&mut self) {
-        if let Ok(at) = u8::try_from(self.bytes.len()) {
-            let _ = self.measured.push(at);
-        }
+    let contains = *value == ETX;
+    if let [low, ..] = value {
+        let completes = before == Some(ETX[0]) && *low == ETX[1];
+        *low ^= u8::from(completes || contains);
     }
 }
 
 /// The last byte of DATA and the checksum can be a false end mark too. The last byte is then a
 /// flag (inputs = 0x5E), so the first measured value that can give way without making another
 /// false mark changes the checksum instead.
-fn avoid_false_etx_in_checksum(frame: &mut [u8], measured: &[u8]) {
+fn avoid_false_etx_in_checksum(frame: &mut [u8], measured: impl Iterator<Item = usize>) {
     if !matches!(frame, [.., before, crc, _, _] if [*before, *crc] == ETX) {
         return;
     }
     let marks = |frame: &[u8]| frame.windows(ETX.len()).filter(|pair| *pair == ETX).count();
     let before = marks(frame);
-    for at in measured.iter().map(|&at| usize::from(at)) {
+    for at in measured {
         nudge(frame, at);
         if marks(frame) < before {
             return;

@@ -52,7 +52,7 @@ fn commands_that_say_something_wrong_are_counted_and_change_nothing() {
         host.run_ms(500);
         let link = host.link();
         let what = format!("{number} with {argument:?}");
-        assert_eq!((link.refused - before.refused, host.pulses()), (1, pulses), "{what}");
+        assert_eq!((link.link.refused - before.link.refused, host.pulses()), (1, pulses), "{what}");
         assert_eq!((link.arm, link.ignored, link.limited), (before.arm, 0, 0), "{what}");
         assert_eq!(host.ids(), [Standard::ID; 5], "{what}");
     }
@@ -65,7 +65,7 @@ fn arguments_that_are_none_are_refused_where_one_is_needed() {
         let packet = Packet { id: command::HOME, data };
         host.send_bytes(packet.encode(&mut [0; 20]).unwrap());
         host.run_ms(500);
-        assert_eq!((host.link().refused, host.ticks(1)), (1, 137), "{data:02x?}");
+        assert_eq!((host.link().link.refused, host.ticks(1)), (1, 137), "{data:02x?}");
     }
 }
 
@@ -75,7 +75,7 @@ fn an_argument_that_a_command_does_not_take_is_not_looked_at() {
         let mut host = ready();
         host.send_bytes(encode_command(command::PARK, Some(argument), &mut [0; 20]).unwrap());
         host.run_ms(500);
-        assert_eq!((host.link().refused, host.arm().powered), (0, false), "{argument:?}");
+        assert_eq!((host.link().link.refused, host.arm().powered), (0, false), "{argument:?}");
     }
 }
 

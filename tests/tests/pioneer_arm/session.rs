@@ -46,7 +46,7 @@ fn a_session_from_sync0_to_close_byte_by_byte() {
     host.run_ms(1000);
     assert!(host.received().is_empty(), "nothing after CLOSE");
     let link = host.link();
-    assert_eq!((link.opened, link.watchdogs, link.out_of_turn, link.refused), (1, 0, 0, 0));
+    assert_eq!((link.opened, link.watchdogs, link.out_of_turn, link.link.refused), (1, 0, 0, 0));
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn garbage_between_the_syncs_is_skipped() {
     assert!(host.ids().is_empty());
     host.run_ms(20);
     assert_eq!(host.ids(), [Standard::ID]);
-    assert_eq!((host.link().bad_packets, host.link().out_of_turn), (4, 0));
+    assert_eq!((host.link().link.bad_frames, host.link().out_of_turn), (4, 0));
 }
 
 #[test]
@@ -297,8 +297,8 @@ fn commands_of_the_robots_base_are_counted_and_have_no_effect() {
         host.send_int(number, 100);
     }
     host.run_ms(500);
-    assert_eq!(host.link().not_for_the_arm, 67 + 14 + 154);
-    assert_eq!((host.link().refused, host.board.plant.borrow().outputs), (0, before));
+    assert_eq!(host.link().link.unknown, 67 + 14 + 154);
+    assert_eq!((host.link().link.refused, host.board.plant.borrow().outputs), (0, before));
     assert_eq!(host.ids(), [Standard::ID; 5]);
 }
 

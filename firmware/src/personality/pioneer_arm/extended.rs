@@ -7,9 +7,9 @@ use embassy_time::Instant;
 use protocol::pms5005::Repeat;
 use protocol::pms5005::extension::{Outcome, Request as Asked};
 
-use super::super::Request;
 use super::super::extension::Owed;
-use super::{Answer, Answers, Phase, count};
+use super::super::{Request, count};
+use super::{Answer, Answers, Phase};
 
 impl Answers {
     /// Does what a request of the extension asks of the session.
@@ -38,10 +38,10 @@ impl Answers {
     pub(super) fn settle(&mut self, answer: Option<Owed>) {
         let Some(answer) = answer.filter(|_| self.phase == Phase::Open) else { return };
         if answer.is_refusal() {
-            count(&mut self.counters.refused);
+            count(&mut self.counters.link.refused, 1);
         }
         if !self.extension.owe(answer) {
-            count(&mut self.counters.answers_dropped);
+            count(&mut self.counters.link.answers_dropped, 1);
         }
     }
 

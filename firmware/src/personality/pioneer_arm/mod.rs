@@ -38,14 +38,13 @@ use protocol::arcos::{
 use protocol::pms5005::Repeat;
 
 use super::extension::{Boot, Extension, Owed};
-use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused};
+use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused, count};
 use crate::command::SetUp;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
 use arm::{Arm, Seen};
 pub use counters::ArmCounters;
-use counters::count;
 use joint::Limited;
 
 /// How often a standard information packet comes.
@@ -196,7 +195,7 @@ impl Session for PioneerArm {
             Answer::Health => extension::encode_answer(&extension.health(now, &snapshot()), out),
             Answer::Owed(owed) => {
                 let snapshot = snapshot();
-                let counters = || self.counters().told(&snapshot);
+                let counters = || self.counters().told();
                 extension::encode_answer(&extension.answer(owed, &snapshot, counters)?, out)
             }
         };
@@ -214,15 +213,12 @@ impl Session for PioneerArm {
     }
 
     fn line_failed(&mut self) {
-        count(&mut self.answers.counters.line_errors);
+        count(&mut self.answers.counters.link.line_errors, 1);
     }
 
     fn counters(&self) -> ArmCounters {
-        let reception = self.receiver.reception();
         ArmCounters {
-            packets_ok: reception.frames_ok,
-            bad_packets: reception.bad_frames,
-            bytes_skipped: reception.bytes_skipped,
+            link: self.receiver.counted(self.answers.counters.link),
             arms_lost: self.answers.arm.lost(),
             power_lost: self.answers.arm.power_lost(),
             arm: self.answers.arm.status(),
@@ -288,7 +284,7 @@ impl Answers {
         if let Some(owed) = self.extension.next() {
             // So that no flood of questions keeps an ARMpac from the line.
             self.status_said = false;
-            count(&mut self.counters.answers_sent);
+            count(&mut self.counters.link.answers_sent, 1);
             return Some(Answer::Owed(owed));
         }
         status_is_due.then(|| self.say_status())
@@ -308,9 +304,8 @@ impl Answers {
         if self.stream {
             self.status_at = Some(self.cycle_at);
         }
-        count(&mut self.counters.standard_sent);
-        let skipped = &mut self.counters.standard_skipped;
-        *skipped = skipped.wrapping_add(missed as u32); // wraps, as documented
+        count(&mut self.counters.link.telemetry_sent, 1);
+        count(&mut self.counters.link.telemetry_skipped, missed as u32); // wraps, as documented
         Answer::Standard
     }
 
@@ -323,7 +318,7 @@ impl Answers {
     fn watch(&mut self, now: Instant) {
         if self.ends_at().is_some_and(|at| at <= now) {
             if self.phase == Phase::Open {
-                count(&mut self.counters.watchdogs);
+                count(&mut self.counters.watchdogs, 1);
                 warning!("the host is silent: {} ms", WATCHDOG.as_millis());
             }
             self.end(now);
@@ -352,7 +347,7 @@ impl Answers {
                 None => self.obey(packet, now),
             },
             (Phase::Synchronised(2), command::OPEN, data) if opens(data) => {
-                count(&mut self.counters.opened);
+                count(&mut self.counters.opened, 1);
                 self.phase = Phase::Open;
                 self.cycle_at = now;
             }
@@ -361,7 +356,7 @@ impl Answers {
             (Phase::Synchronised(0), number @ 1, [])
             | (Phase::Synchronised(1), number @ (1 | 2), [])
             | (Phase::Synchronised(2), number @ 2, []) => self.synchronise(number, self.syncs),
-            _ => count(&mut self.counters.out_of_turn),
+            _ => count(&mut self.counters.out_of_turn, 1),
         }
         None
     }
@@ -377,11 +372,11 @@ impl Answers {
         let command = match ArmCommand::parse(packet.id, packet.data) {
             Ok(command) => command,
             Err(Refusal::NotForTheArm(_)) => {
-                return count(&mut self.counters.not_for_the_arm);
+                return count(&mut self.counters.link.unknown, 1);
             }
             Err(refusal) => {
                 warning!("packet not carried out: {}", refusal);
-                return count(&mut self.counters.refused);
+                return count(&mut self.counters.link.refused, 1);
             }
         };
         match command {
@@ -394,10 +389,10 @@ impl Answers {
         }
         match self.arm.carry_out(command, now) {
             Ok(Limited(false)) => {}
-            Ok(Limited(true)) => count(&mut self.counters.limited),
+            Ok(Limited(true)) => count(&mut self.counters.limited, 1),
             Err(reason) => {
                 warning!("command ignored: {}", reason);
-                count(&mut self.counters.ignored);
+                count(&mut self.counters.ignored, 1);
             }
         }
     }

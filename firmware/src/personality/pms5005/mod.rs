@@ -20,6 +20,8 @@ mod translate;
 use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
+/// What a session has counted; what the controller counts stays 0 here.
+pub use protocol::pms5005::extension::Counters as LinkCounters;
 use protocol::pms5005::extension::{Answer, Outcome, Request as ExtensionRequest, is_read, owns};
 use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_HOST, RID_PMS5005, Refusal, Repeat, Report,
@@ -27,12 +29,12 @@ use protocol::pms5005::{
 };
 
 use super::extension::{Boot, Extension, Owed};
-use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused};
+use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused, count};
 use crate::command::{Command, Configuration, SetUp};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
-use translate::{motion, report, told};
+use translate::{motion, report};
 
 /// 255/1 is answered at most this often.
 pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
@@ -42,44 +44,6 @@ pub const PING_PERIOD: Duration = Duration::from_millis(900);
 /// Acknowledgements that may wait. They take a second at 115200 baud, half of what a host waits
 /// for any frame at all; more of them are dropped.
 const ACKS_WAITING: u16 = 1152;
-
-/// What a session has counted. The counters wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LinkCounters {
-    /// Intact frames, whoever they were for.
-    pub frames_ok: u32,
-    /// Frames that began well and were damaged.
-    pub bad_frames: u32,
-    /// Bytes that were part of no intact frame.
-    pub bytes_skipped: u32,
-    /// Intact frames for us.
-    pub frames_for_us: u32,
-    /// Intact frames for other devices on the line.
-    pub not_for_us: u32,
-    /// Frames for us with a DID that the manual does not know.
-    pub unknown: u32,
-    /// Frames for us that were refused for their values or their length.
-    pub refused: u32,
-    /// Acknowledgements sent.
-    pub acks_sent: u32,
-    /// Acknowledgements that found no more room to wait.
-    pub acks_dropped: u32,
-    /// Telemetry frames sent.
-    pub telemetry_sent: u32,
-    /// Telemetry frames skipped because the line was busy for a whole period.
-    pub telemetry_skipped: u32,
-    /// Pings sent.
-    pub pings_sent: u32,
-    /// Pictures that found no more room to wait for the display.
-    pub pictures_dropped: u32,
-    /// Errors that the line itself reported: overruns, framing.
-    pub line_errors: u32,
-    /// Answers of the extension sent, health apart.
-    pub answers_sent: u32,
-    /// Answers of the extension that found no more room to wait.
-    pub answers_dropped: u32,
-}
 
 /// A stream of telemetry, or of health.
 #[derive(Clone, Copy, Debug)]
@@ -200,8 +164,7 @@ impl Session for Pms5005 {
             Due::Stream(Topic::Health) => extension.health(now, &snapshot()).encode(out),
             Due::Answer(owed) => {
                 let snapshot = snapshot();
-                let counters = || told(&self.counters(), &snapshot);
-                extension.answer(owed, &snapshot, counters)?.encode(out)
+                extension.answer(owed, &snapshot, || self.counters())?.encode(out)
             }
         };
         frame.ok().map(|frame| &*frame)
@@ -226,13 +189,7 @@ impl Session for Pms5005 {
     }
 
     fn counters(&self) -> LinkCounters {
-        let reception = self.receiver.reception();
-        LinkCounters {
-            frames_ok: reception.frames_ok,
-            bad_frames: reception.bad_frames,
-            bytes_skipped: reception.bytes_skipped,
-            ..self.answers.counters
-        }
+        self.receiver.counted(self.answers.counters)
     }
 
     fn signs_of_life(&self) -> u32 {
@@ -434,11 +391,6 @@ impl Answers {
             count(&mut self.counters.answers_dropped, 1);
         }
     }
-}
-
-/// Counters wrap.
-fn count(counter: &mut u32, more: u32) {
-    *counter = counter.wrapping_add(more);
 }
 
 fn telemetry_period(settings: &Settings) -> Duration {

@@ -1,12 +1,9 @@
-//! Between the wire's words and the controller's: motion commands one way, reports and counters the
-//! other.
+//! Between the wire's words and the controller's: motion commands one way, reports the other.
 
-use protocol::pms5005::extension::Counters;
 use protocol::pms5005::{
     CustomIoReport, Encoder, Method, MotorReport, Move, Quantity, Report, Reports, SensorReport,
 };
 
-use super::LinkCounters;
 use crate::command::Command;
 use crate::controller::{EncoderReading, Snapshot};
 use crate::units::Duty;
@@ -67,29 +64,5 @@ fn encoder(reading: EncoderReading) -> Encoder {
         count: reading.count,
         speed: velocity.unsigned_abs().min(32767) as u16, // fits by the bound
         positive: velocity >= 0,
-    }
-}
-
-/// What is told of the counters.
-pub(super) fn told(link: &LinkCounters, snapshot: &Snapshot) -> Counters {
-    Counters {
-        frames_ok: link.frames_ok,
-        bad_frames: link.bad_frames,
-        bytes_skipped: link.bytes_skipped,
-        frames_for_us: link.frames_for_us,
-        not_for_us: link.not_for_us,
-        unknown: link.unknown,
-        refused: link.refused,
-        acks_sent: link.acks_sent,
-        acks_dropped: link.acks_dropped,
-        telemetry_sent: link.telemetry_sent,
-        telemetry_skipped: link.telemetry_skipped,
-        pings_sent: link.pings_sent,
-        pictures_dropped: link.pictures_dropped,
-        line_errors: link.line_errors,
-        answers_sent: link.answers_sent,
-        answers_dropped: link.answers_dropped,
-        commands_refused: snapshot.counters.refused,
-        links_lost: snapshot.counters.links_lost,
     }
 }

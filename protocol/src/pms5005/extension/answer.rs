@@ -1,40 +1,11 @@
 //! What the board tells through the extension (Table E.2), both directions.
 
-use super::super::command::{Channel, Refusal, append};
+use super::super::command::Refusal;
 use super::super::did as manual;
-use super::super::frame::{Data, EncodeError, Frame, RES_NO_ACK, RID_HOST};
-use super::super::report::Reader;
+use super::super::frame::{Frame, RES_NO_ACK, RID_HOST};
 use super::did;
-use super::fault::{Fault, FaultRecord};
-
-/// A number of the wire that stands for one of these.
-macro_rules! codes {
-    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:literal])+ $variant:ident = $code:literal,)+ }) => {
-        $(#[doc = $doc])+
-        ///
-        /// | code | meaning |
-        /// |---|---|
-        $(#[doc = concat!("| ", $code, " | ", $($what,)+ " |")])+
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-        pub enum $name { $($(#[doc = $what])+ $variant = $code,)+ }
-
-        impl $name {
-            /// Its code on the wire.
-            pub const fn code(self) -> u8 {
-                self as u8
-            }
-
-            /// What a code stands for.
-            pub const fn from_code(code: u8) -> Option<Self> {
-                match code {
-                    $($code => Some(Self::$variant),)+
-                    _ => None,
-                }
-            }
-        }
-    };
-}
+use super::fault::FaultRecord;
+use crate::data::{Data, EncodeError, Field, append, codes, record};
 
 codes! {
     /// What a setting's value counts (byte 21 of DID 96).
@@ -177,146 +148,80 @@ fn member(name: &str) -> (&str, Option<u8>) {
     name.get(..rest.len()).map_or((name, None), |name| (name, Some(digit)))
 }
 
-/// Who the board is (DID 97).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Identity {
-    /// The firmware's version: major, minor, patch.
-    pub version: [u8; 3],
-    /// The extension's version.
-    pub extension: u8,
-    /// Why the board has started.
-    pub reset: ResetCause,
-    /// Where its settings come from.
-    pub settings: Origin,
-}
-
-/// How the board is (DID 98).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Health {
-    /// ms since it has started; wraps.
-    pub uptime_ms: u32,
-    /// Worst control latency since then, in microseconds.
-    pub worst_latency_us: u16,
-    /// The most stack that was ever used, in bytes; 0 is unknown.
-    pub stack_used: u16,
-    /// Latched faults, 35 at the most; [`Latched::total`] are on record.
-    pub faults: u8,
-    /// Control periods that began so late that they were missed; wraps.
-    pub periods_missed: u32,
-}
-
-/// Everything that a board counts (DID 99), in the order of the wire. The counters wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Counters {
-    /// Intact frames, whoever they were for.
-    pub frames_ok: u32,
-    /// Frames that began well and were damaged.
-    pub bad_frames: u32,
-    /// Bytes that were part of no intact frame.
-    pub bytes_skipped: u32,
-    /// Intact frames for this board.
-    pub frames_for_us: u32,
-    /// Intact frames for other devices.
-    pub not_for_us: u32,
-    /// Frames with a DID that is not known.
-    pub unknown: u32,
-    /// Frames refused for their values or their length.
-    pub refused: u32,
-    /// Acknowledgements sent.
-    pub acks_sent: u32,
-    /// Acknowledgements that found no room to wait.
-    pub acks_dropped: u32,
-    /// Telemetry frames sent.
-    pub telemetry_sent: u32,
-    /// Telemetry frames skipped because the line was busy.
-    pub telemetry_skipped: u32,
-    /// Pings sent.
-    pub pings_sent: u32,
-    /// Pictures that found no room to wait.
-    pub pictures_dropped: u32,
-    /// Errors that the line itself reported.
-    pub line_errors: u32,
-    /// Answers of the extension sent.
-    pub answers_sent: u32,
-    /// Answers of the extension that found no room to wait.
-    pub answers_dropped: u32,
-    /// Commands refused by the controller.
-    pub commands_refused: u32,
-    /// Times the host fell silent.
-    pub links_lost: u32,
-}
-
-impl Counters {
-    /// How many there are.
-    const COUNT: usize = 18;
-
-    fn words(&self) -> [u32; Self::COUNT] {
-        [
-            self.frames_ok,
-            self.bad_frames,
-            self.bytes_skipped,
-            self.frames_for_us,
-            self.not_for_us,
-            self.unknown,
-            self.refused,
-            self.acks_sent,
-            self.acks_dropped,
-            self.telemetry_sent,
-            self.telemetry_skipped,
-            self.pings_sent,
-            self.pictures_dropped,
-            self.line_errors,
-            self.answers_sent,
-            self.answers_dropped,
-            self.commands_refused,
-            self.links_lost,
-        ]
+record! {
+    /// Who the board is (DID 97).
+    pub struct Identity {
+        /// The firmware's version: major, minor, patch.
+        pub version: [u8; 3],
+        /// The extension's version.
+        pub extension: u8,
+        /// Why the board has started.
+        pub reset: ResetCause,
+        /// Where its settings come from.
+        pub settings: Origin,
     }
+}
 
-    fn from_words(words: [u32; Self::COUNT]) -> Self {
-        let [
-            frames_ok,
-            bad_frames,
-            bytes_skipped,
-            frames_for_us,
-            not_for_us,
-            unknown,
-            refused,
-            acks_sent,
-            acks_dropped,
-            telemetry_sent,
-            telemetry_skipped,
-            pings_sent,
-            pictures_dropped,
-            line_errors,
-            answers_sent,
-            answers_dropped,
-            commands_refused,
-            links_lost,
-        ] = words;
-        Self {
-            frames_ok,
-            bad_frames,
-            bytes_skipped,
-            frames_for_us,
-            not_for_us,
-            unknown,
-            refused,
-            acks_sent,
-            acks_dropped,
-            telemetry_sent,
-            telemetry_skipped,
-            pings_sent,
-            pictures_dropped,
-            line_errors,
-            answers_sent,
-            answers_dropped,
-            commands_refused,
-            links_lost,
-        }
+record! {
+    /// How the board is (DID 98).
+    #[derive(Default)]
+    pub struct Health {
+        /// ms since it has started; wraps.
+        pub uptime_ms: u32,
+        /// Worst control latency since then, in microseconds.
+        pub worst_latency_us: u16,
+        /// The most stack that was ever used, in bytes; 0 is unknown.
+        pub stack_used: u16,
+        /// Latched faults, 35 at the most; [`Latched::total`] are on record.
+        pub faults: u8,
+        /// Control periods that began so late that they were missed; wraps.
+        pub periods_missed: u32,
+    }
+}
+
+record! {
+    /// Everything that a board counts (DID 99). The counters wrap.
+    ///
+    /// A session counts in these, and so they have one name everywhere. What is not a session's is
+    /// filled in when they are told.
+    #[derive(Default)]
+    pub struct Counters {
+        /// Intact frames, whoever they were for.
+        pub frames_ok: u32,
+        /// Frames that began well and were damaged.
+        pub bad_frames: u32,
+        /// Bytes that were part of no intact frame.
+        pub bytes_skipped: u32,
+        /// Intact frames for this board.
+        pub frames_for_us: u32,
+        /// Intact frames for other devices on the line.
+        pub not_for_us: u32,
+        /// Frames for this board with a DID that is not known.
+        pub unknown: u32,
+        /// Frames for this board that were refused for their values or their length.
+        pub refused: u32,
+        /// Acknowledgements sent.
+        pub acks_sent: u32,
+        /// Acknowledgements that found no room to wait.
+        pub acks_dropped: u32,
+        /// Telemetry frames sent.
+        pub telemetry_sent: u32,
+        /// Telemetry frames skipped because the line was busy for a whole period.
+        pub telemetry_skipped: u32,
+        /// Pings sent.
+        pub pings_sent: u32,
+        /// Pictures that found no room to wait for the display.
+        pub pictures_dropped: u32,
+        /// Errors that the line itself reported: overruns, framing.
+        pub line_errors: u32,
+        /// Answers of the extension sent, health apart.
+        pub answers_sent: u32,
+        /// Answers of the extension that found no room to wait.
+        pub answers_dropped: u32,
+        /// Commands refused by the controller.
+        pub commands_refused: u32,
+        /// Times the host fell silent.
+        pub links_lost: u32,
     }
 }
 
@@ -332,18 +237,18 @@ pub struct Latched {
     pub record: Option<FaultRecord>,
 }
 
-/// What came of a request (DID 101).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Outcome {
-    /// The request's DID.
-    pub did: u8,
-    /// The first byte of its DATA, 0 if it had none: DID 7's sub-command.
-    pub first: u8,
-    /// What came of it.
-    pub verdict: Verdict,
-    /// The setting that it is about, 0 if none.
-    pub setting: u16,
+record! {
+    /// What came of a request (DID 101).
+    pub struct Outcome {
+        /// The request's DID.
+        pub did: u8,
+        /// The first byte of its DATA, 0 if it had none: DID 7's sub-command.
+        pub first: u8,
+        /// What came of it.
+        pub verdict: Verdict,
+        /// The setting that it is about, 0 if none.
+        pub setting: u16,
+    }
 }
 
 /// A frame of the extension from the board (Table E.2).
@@ -364,12 +269,9 @@ pub enum Answer<'a> {
     Outcome(Outcome),
 }
 
-/// Byte 4 of DID 100 for a fault of the board.
-const NO_CHANNEL: u8 = 255;
-
 impl<'a> Answer<'a> {
     /// Bytes of the longest: the counters.
-    pub const MAX_FRAME: usize = super::super::OVERHEAD + 4 * Counters::COUNT;
+    pub const MAX_FRAME: usize = super::super::OVERHEAD + size_of::<Counters>();
 
     /// Its DID.
     pub fn did(&self) -> u8 {
@@ -408,111 +310,68 @@ impl<'a> Answer<'a> {
                 if !representable {
                     return Err(EncodeError::NotRepresentable);
                 }
-                append(data, &setting.number.to_le_bytes())?;
-                append(data, &setting.next.unwrap_or(0).to_le_bytes())?;
+                setting.number.put(data)?;
+                setting.next.unwrap_or(0).put(data)?;
                 let (low, high) = setting.range;
-                for value in [setting.value, low, high, setting.default] {
-                    append(data, &value.to_le_bytes())?;
-                }
-                append(data, &[setting.unit.code()])?;
+                [setting.value, low, high, setting.default].put(data)?;
+                setting.unit.put(data)?;
                 append(data, setting.name.as_bytes())?;
                 // A digit by the check above.
                 let digit = |member: u8| append(data, &[b' ', b'0'.saturating_add(member)]);
                 setting.member.map_or(Ok(()), digit)
             }
-            Self::Identity(identity) => {
-                append(data, &identity.version)?;
-                append(data, &[identity.extension, identity.reset.code(), identity.settings.code()])
-            }
-            Self::Health(health) => {
-                append(data, &health.uptime_ms.to_le_bytes())?;
-                append(data, &health.worst_latency_us.to_le_bytes())?;
-                append(data, &health.stack_used.to_le_bytes())?;
-                append(data, &[health.faults])?;
-                append(data, &health.periods_missed.to_le_bytes())
-            }
-            Self::Counters(counters) => {
-                counters.words().iter().try_for_each(|counter| append(data, &counter.to_le_bytes()))
-            }
+            Self::Identity(identity) => identity.put(data),
+            Self::Health(health) => health.put(data),
+            Self::Counters(counters) => counters.put(data),
             Self::Fault(latched) => {
                 if latched.record.is_some() != (latched.place < latched.total) {
                     return Err(EncodeError::NotRepresentable);
                 }
-                append(data, &[latched.place, latched.total])?;
-                latched.record.as_ref().map_or(Ok(()), |record| emit_record(record, data))
+                [latched.place, latched.total].put(data)?;
+                latched.record.map_or(Ok(()), |record| record.put(data))
             }
-            Self::Outcome(outcome) => {
-                append(data, &[outcome.did, outcome.first, outcome.verdict.code()])?;
-                append(data, &outcome.setting.to_le_bytes())
-            }
+            Self::Outcome(outcome) => outcome.put(data),
         }
     }
 
     /// Reads DID and DATA of an intact frame. `None` if it is no answer of the extension.
     pub fn parse(did: u8, data: &'a [u8]) -> Option<Self> {
-        let mut fields = Reader::new(data);
+        let mut rest = data;
+        let fields = &mut rest;
         let answer = match did {
             did::SETTING => {
-                let [number, next] = fields.words()?;
-                let [value, low, high, default] = [(); 4].map(|()| fields.number());
-                let unit = fields.code(Unit::from_code)?;
-                let (name, member) = member(core::str::from_utf8(fields.rest()).ok()?);
+                let [number, next] = Field::take(fields)?;
+                let [value, low, high, default] = Field::take(fields)?;
+                let unit = Unit::take(fields)?;
+                let (name, member) = member(core::str::from_utf8(core::mem::take(fields)).ok()?);
                 if number == 0 || name.len() > Description::LONGEST_NAME || !name.is_ascii() {
                     return None;
                 }
+                let next = Some(next).filter(|&next| next != 0);
+                let range = (low, high);
                 Self::Setting(Description {
                     number,
-                    next: Some(next).filter(|&next| next != 0),
-                    value: value?,
-                    range: (low?, high?),
-                    default: default?,
+                    next,
+                    value,
+                    range,
+                    default,
                     unit,
                     name,
                     member,
                 })
             }
-            did::IDENTITY => {
-                let [major, minor, patch, extension] = fields.bytes()?;
-                Self::Identity(Identity {
-                    version: [major, minor, patch],
-                    extension,
-                    reset: fields.code(ResetCause::from_code)?,
-                    settings: fields.code(Origin::from_code)?,
-                })
-            }
-            did::HEALTH => {
-                let uptime_ms = u32::from_le_bytes(fields.bytes()?);
-                let [worst_latency_us, stack_used] = fields.words()?;
-                let [faults] = fields.bytes()?;
-                let periods_missed = u32::from_le_bytes(fields.bytes()?);
-                Self::Health(Health {
-                    uptime_ms,
-                    worst_latency_us,
-                    stack_used,
-                    faults,
-                    periods_missed,
-                })
-            }
-            did::COUNTERS => {
-                let mut words = [0; Counters::COUNT];
-                for word in &mut words {
-                    *word = u32::from_le_bytes(fields.bytes()?);
-                }
-                Self::Counters(Counters::from_words(words))
-            }
+            did::IDENTITY => Self::Identity(Field::take(fields)?),
+            did::HEALTH => Self::Health(Field::take(fields)?),
+            did::COUNTERS => Self::Counters(Field::take(fields)?),
             did::FAULT => {
-                let [place, total] = fields.bytes()?;
-                let record = if place < total { Some(read_record(&mut fields)?) } else { None };
+                let [place, total] = Field::take(fields)?;
+                let record = if place < total { Some(Field::take(fields)?) } else { None };
                 Self::Fault(Latched { place, total, record })
             }
-            did::OUTCOME => {
-                let [did, first] = fields.bytes()?;
-                let verdict = fields.code(Verdict::from_code)?;
-                Self::Outcome(Outcome { did, first, verdict, setting: fields.word()? })
-            }
+            did::OUTCOME => Self::Outcome(Field::take(fields)?),
             _ => return None,
         };
-        fields.rest().is_empty().then_some(answer)
+        rest.is_empty().then_some(answer)
     }
 }
 
@@ -526,22 +385,4 @@ impl Outcome {
     pub fn of_action(action: super::Action, verdict: Verdict) -> Self {
         Self::of(manual::PARAMETERS, &[action.number()], verdict)
     }
-}
-
-fn emit_record(record: &FaultRecord, data: &mut Data) -> Result<(), EncodeError> {
-    let channel = record.channel.map_or(NO_CHANNEL, Channel::number);
-    append(data, &[record.fault.number(), channel])?;
-    append(data, &record.uptime_ms.to_le_bytes())?;
-    record.values.iter().try_for_each(|value| append(data, &value.to_le_bytes()))
-}
-
-fn read_record(fields: &mut Reader<'_>) -> Option<FaultRecord> {
-    let fault = fields.code(Fault::from_number)?;
-    let channel = match fields.bytes()? {
-        [NO_CHANNEL] => None,
-        [number] => Some(Channel::new(number)?),
-    };
-    let uptime_ms = u32::from_le_bytes(fields.bytes()?);
-    let values = fields.words::<3>()?.map(u16::cast_signed);
-    Some(FaultRecord { fault, channel, uptime_ms, values })
 }

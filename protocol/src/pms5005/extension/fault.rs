@@ -4,6 +4,7 @@
 //! host clears it. Readings are A/D counts as in the telemetry.
 
 use super::super::command::Channel;
+use crate::data::{Data, EncodeError, Field, record};
 
 /// A fault's number, and the names of the values that are told with it.
 macro_rules! faults {
@@ -80,17 +81,43 @@ impl Fault {
     }
 }
 
-/// A fault that has tripped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct FaultRecord {
-    /// Which.
-    pub fault: Fault,
-    /// Of which channel; `None` is the board.
-    pub channel: Option<Channel>,
-    /// Uptime in ms when it tripped, by the control periods until then: periods that were missed, and
-    /// the time of an erase, are not in it.
-    pub uptime_ms: u32,
-    /// What was true then: the values that [`Fault::values`] names, 0 beyond them.
-    pub values: [i16; 3],
+impl Field for Fault {
+    fn put(&self, data: &mut Data) -> Result<(), EncodeError> {
+        self.number().put(data)
+    }
+
+    fn take(data: &mut &[u8]) -> Option<Self> {
+        u8::take(data).and_then(Self::from_number)
+    }
+}
+
+/// Byte 4 of DID 100 for a fault of the board.
+const NO_CHANNEL: u8 = 255;
+
+impl Field for Option<Channel> {
+    fn put(&self, data: &mut Data) -> Result<(), EncodeError> {
+        self.map_or(NO_CHANNEL, Channel::number).put(data)
+    }
+
+    fn take(data: &mut &[u8]) -> Option<Self> {
+        match u8::take(data)? {
+            NO_CHANNEL => Some(None),
+            number => Channel::new(number).map(Some),
+        }
+    }
+}
+
+record! {
+    /// A fault that has tripped.
+    pub struct FaultRecord {
+        /// Which.
+        pub fault: Fault,
+        /// Of which channel; `None` is the board.
+        pub channel: Option<Channel>,
+        /// Uptime in ms when it tripped, by the control periods until then: periods that were
+        /// missed, and the time of an erase, are not in it.
+        pub uptime_ms: u32,
+        /// What was true then: the values that [`Fault::values`] names, 0 beyond them.
+        pub values: [i16; 3],
+    }
 }

@@ -1,9 +1,9 @@
 //! What a host asks of the extension (Table E.1), both directions.
 
-use super::super::command::{Refusal, Repeat, append};
+use super::super::command::{Refusal, Repeat};
 use super::super::did as manual;
-use super::super::frame::{Data, EncodeError};
 use super::did;
+use crate::data::{Data, EncodeError, append};
 
 /// The sub-command of DID 7 that sets a setting; all from here on are the extension's.
 pub(super) const SET: u8 = 0x80;
@@ -72,7 +72,7 @@ impl<'a> Request<'a> {
             }
             (did::SETTING, &[low, high]) => Ok(Self::Setting(u16::from_le_bytes([low, high]))),
             (did::IDENTITY, []) => Ok(Self::Identity),
-            (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first().copied()))),
+            (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first()))),
             (did::COUNTERS, []) => Ok(Self::Counters),
             (did::FAULT, &[place]) => Ok(Self::Fault(place)),
             (did::SETTING..=did::FAULT, _) => Err(Refusal::Length { did, len: data.len() }),
@@ -120,7 +120,7 @@ impl<'a> Assignments<'a> {
     /// what was appended.
     ///
     /// # Errors
-    /// [`EncodeError::DataTooLong`] when DATA is full.
+    /// [`EncodeError::TooLong`] when DATA is full.
     pub fn emit(number: u16, value: i32, data: &mut Data) -> Result<(), EncodeError> {
         let ([n0, n1], [v0, v1, v2, v3]) = (number.to_le_bytes(), value.to_le_bytes());
         append(data, &[SET, n0, n1, v0, v1, v2, v3])
