@@ -16,10 +16,11 @@ mod packet;
 mod register;
 mod status;
 
-pub use instruction::{Instruction, Refusal, SyncWrite, SyncWriter};
+pub use instruction::{Instruction, SyncWrite, SyncWriter};
 pub use packet::{
     Dynamixel, EncodeError, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD,
-    Packet, PacketError, StatusReceiver,
+    Packet, StatusReceiver,
 };
+pub(crate) use packet::{Writer, sums_up};
 pub use register::{Access, REGISTER_BYTES, Register};
 pub use status::{Errors, Status};
