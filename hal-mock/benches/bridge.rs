@@ -47,7 +47,7 @@ fn reached(servos: u8, latency_us: u32) -> f64 {
     let all = [Limits::new(0, 1023).expect("limits")];
     board.line.host_sends(Answer::encode(1, &all, &mut buffer).expect("an answer"));
     board.run_for(Duration::from_secs(2));
-    let goal = Goal { torque_enable: 1, slope: [32; 2], position: 512, ..Goal::default() };
+    let goal = Goal([1, 0, 0, 0, 32, 32, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
     let goals = vec![goal; servos.into()];
     let mut second = |board: &mut Cm5Board| {
         for _ in 0..100 {

@@ -64,7 +64,7 @@ fn a_pc_is_greeted_drives_servos_and_sees_one_go_and_come_back() {
     let all = [Limits::new(100, 900).unwrap()];
     pc.stream.write_all(Answer::encode(1, &all, &mut buffer).unwrap()).unwrap();
     pc.report(&[true; 3]);
-    let goal = Goal { torque_enable: 1, slope: [32; 2], position: 300, ..Goal::default() };
+    let goal = Goal([1, 0, 0, 0, 32, 32, 44, 1, 0, 0, 0, 0, 0, 0, 0]);
     pc.stream.write_all(Goals::encode(&[goal; 3], &mut buffer).unwrap()).unwrap();
     let state = board.until(|state| state["servos"][1]["goal"] == 300);
     let servo = &state["servos"][1];

@@ -75,16 +75,19 @@ pub fn servos(ids: impl IntoIterator<Item = u8>) -> Vec<Ax12> {
 
 /// A goal that drives, and is told apart from others.
 pub fn goal(position: u16) -> Goal {
-    Goal {
-        torque_enable: 1,
-        margin: [1, 1],
-        slope: [32, 32],
-        position,
-        speed: 200,
-        torque_limit: 1023,
-        punch: 32,
-        ..Goal::default()
-    }
+    [
+        (Register::TORQUE_ENABLE, 1),
+        (Register::CW_MARGIN, 1),
+        (Register::CCW_MARGIN, 1),
+        (Register::CW_SLOPE, 32),
+        (Register::CCW_SLOPE, 32),
+        (Register::GOAL_POSITION, position),
+        (Register::MOVING_SPEED, 200),
+        (Register::TORQUE_LIMIT, 1023),
+        (Register::PUNCH, 32),
+    ]
+    .into_iter()
+    .fold(Goal::default(), |goal, (register, value)| goal.with(register, value))
 }
 
 /// Limits that are good ones.
@@ -207,20 +210,9 @@ impl PcHost {
 
     /// The goal that a servo holds in its registers.
     pub fn goal_of(&self, servo: usize) -> Goal {
-        let [torque_enable, led, lock] = [Register::TORQUE_ENABLE, Register::LED, Register::LOCK]
-            .map(|register| self.register(servo, register) as u8);
-        let pair = |registers: [Register; 2]| registers.map(|r| self.register(servo, r) as u8);
-        Goal {
-            torque_enable,
-            led,
-            margin: pair([Register::CW_MARGIN, Register::CCW_MARGIN]),
-            slope: pair([Register::CW_SLOPE, Register::CCW_SLOPE]),
-            position: self.register(servo, Register::GOAL_POSITION),
-            speed: self.register(servo, Register::MOVING_SPEED),
-            torque_limit: self.register(servo, Register::TORQUE_LIMIT),
-            lock,
-            punch: self.register(servo, Register::PUNCH),
-        }
+        Goal::REGISTERS.into_iter().fold(Goal::default(), |goal, register| {
+            goal.with(register, self.register(servo, register))
+        })
     }
 
     /// What the bridge has counted of a servo.

@@ -102,7 +102,7 @@ proptest! {
             let packet = arrives(instruction.encode(id, &mut [0; MAX_PACKET]).unwrap());
             let packet = Packet::parse(&packet).unwrap();
             prop_assert_eq!(packet.id, id);
-            prop_assert_eq!(Instruction::parse(packet), Ok(instruction));
+            prop_assert_eq!(Instruction::parse(packet), Some(instruction));
         }
     }
 
@@ -123,7 +123,7 @@ proptest! {
         prop_assert_eq!(packet.len(), 8 + servos.len() * (usize::from(len) + 1));
         let packet = Packet::parse(&packet).unwrap();
         prop_assert_eq!(packet.id, Id::BROADCAST);
-        let Ok(Instruction::SyncWrite(read)) = Instruction::parse(packet) else {
+        let Some(Instruction::SyncWrite(read)) = Instruction::parse(packet) else {
             return Err(TestCaseError::fail("no SYNC_WRITE"));
         };
         prop_assert_eq!(read.address(), address);
@@ -151,7 +151,7 @@ proptest! {
         code in prop_oneof![4 => 1..=7u8, 2 => Just(0x83), 1 => any::<u8>()],
         params in vec(prop_oneof![0..4u8, any::<u8>()], 0..20),
     ) {
-        if let Ok(instruction) = Instruction::parse(Packet { id, code, params: &params }) {
+        if let Some(instruction) = Instruction::parse(Packet { id, code, params: &params }) {
             let packet = arrives(instruction.encode(id, &mut [0; MAX_PACKET]).unwrap());
             let packet = Packet::parse(&packet).unwrap();
             prop_assert_eq!((packet.code, packet.params), (code, &params[..]));

@@ -27,7 +27,7 @@ use std::collections::VecDeque;
 
 use protocol::deframe::{Deframer, Framing};
 use protocol::dynamixel::{
-    Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, PacketError, Register, Status,
+    Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register, Status,
 };
 
 use crate::plant::Ax12;
@@ -340,14 +340,11 @@ impl Socket {
     fn execute(&mut self, packet: &[u8], now_ns: u64) -> Option<Vec<u8>> {
         let own = Id::new(self.servo.id())?;
         let for_me = |id| id == own || id == Id::BROADCAST;
-        let (id, instruction) = match Packet::parse(packet) {
-            Ok(packet) => (packet.id, Instruction::parse(packet).map_err(|_| Errors::INSTRUCTION)),
-            Err(PacketError::Checksum(id)) => (id, Err(Errors::CHECKSUM)),
-            Err(PacketError::Malformed) => return None,
+        let fields = Packet::parse(packet).filter(|packet| for_me(packet.id))?;
+        let instruction = match Instruction::parse(fields) {
+            _ if !Dynamixel::is_intact(packet) => Err(Errors::CHECKSUM),
+            instruction => instruction.ok_or(Errors::INSTRUCTION),
         };
-        if !for_me(id) {
-            return None;
-        }
         // From what status return level on this is answered.
         let from_level = match instruction {
             Ok(Instruction::Ping) => 0,
@@ -355,7 +352,7 @@ impl Socket {
             _ => 2,
         };
         let answered = from_level <= self.servo.get(Register::STATUS_RETURN_LEVEL)
-            && (id == own || instruction == Ok(Instruction::Ping));
+            && (fields.id == own || instruction == Ok(Instruction::Ping));
         let mut params = vec![];
         let done = instruction.and_then(|instruction| match instruction {
             Instruction::Ping => Ok(0),

@@ -2,8 +2,8 @@
 //! so whoever reads goals, an answer or a report says how many there are.
 
 use super::MAX_SERVOS;
-use super::packet::{EncodeError, PacketWriter};
-use crate::dynamixel::Register;
+use super::packet::write;
+use crate::dynamixel::{EncodeError, Register};
 
 /// Why a packet of the PC is not carried out. Nothing of it may be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,24 +62,15 @@ impl<'a> Hello<'a> {
     /// # Errors
     /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let count = u8::try_from(self.ids.len()).map_err(|_| EncodeError::TooLong)?;
-        if self.ids.len() > MAX_SERVOS {
-            return Err(EncodeError::TooLong);
-        }
-        let mut packet = PacketWriter::new(out);
-        packet.append(&[count])?;
-        packet.append(self.ids)?;
-        packet.finish()
+        let count = u8::try_from(self.ids.len()).ok().filter(|_| self.ids.len() <= MAX_SERVOS);
+        write([&[count.ok_or(EncodeError::TooLong)?], self.ids], out)
     }
 }
 
 /// How far a servo may turn: 0 to 1023, CW not above CCW. Both 0: it turns endlessly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Limits {
-    cw: u16,
-    ccw: u16,
-}
+pub struct Limits([u8; Self::BYTES]);
 
 impl Limits {
     const BYTES: usize = 4;
@@ -89,19 +80,28 @@ impl Limits {
     /// # Errors
     /// [`Refusal::Limits`].
     pub fn new(cw: u16, ccw: u16) -> Result<Self, Refusal> {
-        let in_range = Register::CW_LIMIT.accepts(cw) && Register::CCW_LIMIT.accepts(ccw);
-        if in_range && cw <= ccw { Ok(Self { cw, ccw }) } else { Err(Refusal::Limits { cw, ccw }) }
+        let ([cw_low, cw_high], [ccw_low, ccw_high]) = (cw.to_le_bytes(), ccw.to_le_bytes());
+        Self::parse([cw_low, cw_high, ccw_low, ccw_high])
     }
 
-    fn parse([cw_low, cw_high, ccw_low, ccw_high]: [u8; Self::BYTES]) -> Result<Self, Refusal> {
-        Self::new(u16::from_le_bytes([cw_low, cw_high]), u16::from_le_bytes([ccw_low, ccw_high]))
+    fn parse(bytes: [u8; Self::BYTES]) -> Result<Self, Refusal> {
+        let (cw, ccw) = (word(&bytes, 0, 2), word(&bytes, 2, 2));
+        let in_range = Register::CW_LIMIT.accepts(cw) && Register::CCW_LIMIT.accepts(ccw);
+        if in_range && cw <= ccw { Ok(Self(bytes)) } else { Err(Refusal::Limits { cw, ccw }) }
     }
 
     /// As in the registers 6 to 9.
     pub const fn bytes(self) -> [u8; Self::BYTES] {
-        let ([cw_low, cw_high], [ccw_low, ccw_high]) =
-            (self.cw.to_le_bytes(), self.ccw.to_le_bytes());
-        [cw_low, cw_high, ccw_low, ccw_high]
+        self.0
+    }
+}
+
+/// The register of `size` bytes at this place, the low byte first; 0 behind the end.
+fn word(bytes: &[u8], place: usize, size: u8) -> u16 {
+    match (size, bytes.get(place..)) {
+        (1, Some([byte, ..])) => (*byte).into(),
+        (_, Some([low, high, ..])) => u16::from_le_bytes([*low, *high]),
+        _ => 0,
     }
 }
 
@@ -112,7 +112,7 @@ pub struct Answer<'a> {
     /// In 2 us, 0 to 254.
     return_delay: u8,
     /// Limits found to be good: of each servo, or one pair for all.
-    limits: &'a [u8],
+    limits: &'a [[u8; Limits::BYTES]],
 }
 
 impl<'a> Answer<'a> {
@@ -123,15 +123,14 @@ impl<'a> Answer<'a> {
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
         let bad_length = Refusal::Length(params.len());
         let (&return_delay, limits) = params.split_first().ok_or(bad_length)?;
-        let of_each = limits.len() == servos.saturating_mul(Limits::BYTES);
-        if !of_each && limits.len() != Limits::BYTES {
+        let (limits, []) = limits.as_chunks() else { return Err(bad_length) };
+        if limits.len() != servos && limits.len() != 1 {
             return Err(bad_length);
         }
         if !Register::RETURN_DELAY.accepts(return_delay.into()) {
             return Err(Refusal::ReturnDelay(return_delay));
         }
-        let (pairs, _) = limits.as_chunks();
-        pairs.iter().try_for_each(|pair| Limits::parse(*pair).map(drop))?;
+        limits.iter().try_for_each(|pair| Limits::parse(*pair).map(drop))?;
         Ok(Self { return_delay, limits })
     }
 
@@ -142,9 +141,8 @@ impl<'a> Answer<'a> {
 
     /// The limits of the servo at this place in the hello.
     pub fn limits(&self, place: usize) -> Option<Limits> {
-        let (pairs, _) = self.limits.as_chunks();
-        let pair = if let [for_all] = pairs { Some(for_all) } else { pairs.get(place) };
-        Limits::parse(*pair?).ok()
+        let place = if self.limits.len() == 1 { 0 } else { place };
+        self.limits.get(place).copied().map(Limits)
     }
 
     /// Writes a whole packet into `out` and answers the part it took: with one pair of limits, it
@@ -160,94 +158,68 @@ impl<'a> Answer<'a> {
         if limits.len() > MAX_SERVOS {
             return Err(EncodeError::TooLong);
         }
-        let mut packet = PacketWriter::new(out);
-        packet.append(&[return_delay])?;
-        limits.iter().try_for_each(|limits| packet.append(&limits.bytes()))?;
-        packet.finish()
+        let limits = limits.iter().map(|limits| &limits.0[..]);
+        write(core::iter::once(&[return_delay][..]).chain(limits), out)
     }
 }
 
-/// What one servo is to do: its writable registers.
+/// What one servo is to do: its writable registers, 24 to 35 and 47 to 49, as on the wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Goal {
-    /// 1: the motor is driven.
-    pub torque_enable: u8,
-    /// 1: the LED is on.
-    pub led: u8,
-    /// Error in which the motor is left alone, CW and CCW, in positions.
-    pub margin: [u8; 2],
-    /// Error beyond the margin at which the torque is full, CW and CCW, in positions, 1 to 254.
-    pub slope: [u8; 2],
-    /// 0 to 1023 over 300 degrees.
-    pub position: u16,
-    /// In 0.111 rpm, 0 to 1023; bit 10 is the direction if the servo turns endlessly.
-    pub speed: u16,
-    /// In 1/1023.
-    pub torque_limit: u16,
-    /// 1: until power-off only registers 24 to 35 can be written.
-    pub lock: u8,
-    /// Least drive of a moving motor, in 1/1023.
-    pub punch: u16,
-}
+pub struct Goal(pub [u8; Self::BYTES]);
 
 impl Goal {
     /// On the wire.
     pub const BYTES: usize = 15;
+    /// So many of them are the registers 24 to 35.
+    const MOTION_BYTES: usize = 12;
 
-    /// Reads the bytes of one servo.
-    pub const fn parse(bytes: [u8; Self::BYTES]) -> Self {
-        let [torque_enable, led, m0, m1, s0, s1, p0, p1, v0, v1, t0, t1, lock, u0, u1] = bytes;
-        Self {
-            torque_enable,
-            led,
-            margin: [m0, m1],
-            slope: [s0, s1],
-            position: u16::from_le_bytes([p0, p1]),
-            speed: u16::from_le_bytes([v0, v1]),
-            torque_limit: u16::from_le_bytes([t0, t1]),
-            lock,
-            punch: u16::from_le_bytes([u0, u1]),
-        }
+    /// In the order of the wire.
+    pub const REGISTERS: [Register; 11] = [
+        Register::TORQUE_ENABLE,
+        Register::LED,
+        Register::CW_MARGIN,
+        Register::CCW_MARGIN,
+        Register::CW_SLOPE,
+        Register::CCW_SLOPE,
+        Register::GOAL_POSITION,
+        Register::MOVING_SPEED,
+        Register::TORQUE_LIMIT,
+        Register::LOCK,
+        Register::PUNCH,
+    ];
+
+    /// The value for one of [`Self::REGISTERS`].
+    pub fn get(&self, register: Register) -> u16 {
+        word(&self.0, Self::place(register), register.size)
+    }
+
+    /// The same goal with another value for one of [`Self::REGISTERS`].
+    #[must_use]
+    pub fn with(mut self, register: Register, value: u16) -> Self {
+        let places = self.0.iter_mut().skip(Self::place(register)).take(register.size.into());
+        places.zip(value.to_le_bytes()).for_each(|(place, byte)| *place = byte);
+        self
+    }
+
+    fn place(register: Register) -> usize {
+        let before = Self::REGISTERS.iter().take_while(|other| other.address != register.address);
+        before.map(|other| usize::from(other.size)).sum()
     }
 
     /// Whether a servo takes all of it. One that does not take a value (a slope of 0, say) does
     /// nothing of the registers 24 to 35, not even stop, and cannot tell, since nobody answers a
     /// SYNC_WRITE.
     fn check(&self) -> Result<(), Refusal> {
-        let ([cw_margin, ccw_margin], [cw_slope, ccw_slope]) = (self.margin, self.slope);
-        let values = [
-            (Register::TORQUE_ENABLE, self.torque_enable.into()),
-            (Register::LED, self.led.into()),
-            (Register::CW_MARGIN, cw_margin.into()),
-            (Register::CCW_MARGIN, ccw_margin.into()),
-            (Register::CW_SLOPE, cw_slope.into()),
-            (Register::CCW_SLOPE, ccw_slope.into()),
-            (Register::GOAL_POSITION, self.position),
-            (Register::MOVING_SPEED, self.speed),
-            (Register::TORQUE_LIMIT, self.torque_limit),
-            (Register::LOCK, self.lock.into()),
-            (Register::PUNCH, self.punch),
-        ];
-        match values.into_iter().find(|(register, value)| !register.accepts(*value)) {
-            Some((register, value)) => Err(Refusal::Goal { register: register.name, value }),
+        match Self::REGISTERS.into_iter().find(|register| !register.accepts(self.get(*register))) {
+            Some(bad) => Err(Refusal::Goal { register: bad.name, value: self.get(bad) }),
             None => Ok(()),
         }
     }
 
-    /// The registers 24 to 35.
-    pub const fn motion_registers(&self) -> [u8; 12] {
-        let [p0, p1] = self.position.to_le_bytes();
-        let [v0, v1] = self.speed.to_le_bytes();
-        let [t0, t1] = self.torque_limit.to_le_bytes();
-        let ([m0, m1], [s0, s1]) = (self.margin, self.slope);
-        [self.torque_enable, self.led, m0, m1, s0, s1, p0, p1, v0, v1, t0, t1]
-    }
-
-    /// The registers 47 to 49.
-    pub const fn lock_registers(&self) -> [u8; 3] {
-        let [low, high] = self.punch.to_le_bytes();
-        [self.lock, low, high]
+    /// The registers 24 to 35, and 47 to 49.
+    pub fn blocks(&self) -> (&[u8], &[u8]) {
+        self.0.split_at(Self::MOTION_BYTES)
     }
 }
 
@@ -266,13 +238,13 @@ impl<'a> Goals<'a> {
         if goals.len() != servos || servos == 0 {
             return Err(Refusal::Length(params.len()));
         }
-        goals.iter().try_for_each(|goal| Goal::parse(*goal).check())?;
+        goals.iter().try_for_each(|goal| Goal(*goal).check())?;
         Ok(Self(goals))
     }
 
     /// One for each servo, in the order of the IDs.
     pub fn iter(&self) -> impl Iterator<Item = Goal> + use<'a> {
-        self.0.iter().copied().map(Goal::parse)
+        self.0.iter().copied().map(Goal)
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
@@ -280,30 +252,14 @@ impl<'a> Goals<'a> {
     /// # Errors
     /// [`EncodeError`].
     pub fn encode<'b>(goals: &[Goal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let mut packet = PacketWriter::new(out);
-        for goal in goals {
-            packet.append(&goal.motion_registers())?;
-            packet.append(&goal.lock_registers())?;
-        }
-        packet.finish()
+        write(goals.iter().map(|goal| goal.0), out)
     }
 }
 
-/// What one servo tells: the registers 36 to 43.
+/// What one servo tells: the registers 36 to 43, as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Feedback {
-    /// 0 to 1023 over 300 degrees.
-    pub position: u16,
-    /// In 0.111 rpm; bit 10: clockwise.
-    pub speed: u16,
-    /// In 1/1023; bit 10: clockwise.
-    pub load: u16,
-    /// In 0.1 V.
-    pub voltage: u8,
-    /// In degrees Celsius.
-    pub temperature: u8,
-}
+pub struct Feedback(pub [u8; Self::BYTES]);
 
 impl Feedback {
     /// In the servo, and on the wire.
@@ -311,22 +267,10 @@ impl Feedback {
     /// In the place of a servo that did not answer. No servo is at 255 degrees and 25.5 V.
     const STALE: [u8; Self::BYTES] = [0xFF; Self::BYTES];
 
-    /// Reads the registers.
-    pub const fn parse([p0, p1, v0, v1, l0, l1, voltage, temperature]: [u8; Self::BYTES]) -> Self {
-        Self {
-            position: u16::from_le_bytes([p0, p1]),
-            speed: u16::from_le_bytes([v0, v1]),
-            load: u16::from_le_bytes([l0, l1]),
-            voltage,
-            temperature,
-        }
-    }
-
-    const fn bytes(&self) -> [u8; Self::BYTES] {
-        let [p0, p1] = self.position.to_le_bytes();
-        let [v0, v1] = self.speed.to_le_bytes();
-        let [l0, l1] = self.load.to_le_bytes();
-        [p0, p1, v0, v1, l0, l1, self.voltage, self.temperature]
+    /// What is in one of these registers.
+    pub fn get(&self, register: Register) -> u16 {
+        let place = register.address.saturating_sub(Register::PRESENT_POSITION.address);
+        word(&self.0, place.into(), register.size)
     }
 }
 
@@ -344,7 +288,7 @@ impl<'a> Report<'a> {
 
     /// One for each servo, in the order of the IDs; `None` for one that did not answer.
     pub fn iter(&self) -> impl Iterator<Item = Option<Feedback>> + use<'a> {
-        let heard = |bytes| (bytes != Feedback::STALE).then(|| Feedback::parse(bytes));
+        let heard = |bytes| (bytes != Feedback::STALE).then_some(Feedback(bytes));
         self.0.iter().copied().map(heard)
     }
 
@@ -356,11 +300,7 @@ impl<'a> Report<'a> {
         feedback: impl IntoIterator<Item = Option<Feedback>>,
         out: &mut [u8],
     ) -> Result<&mut [u8], EncodeError> {
-        let mut packet = PacketWriter::new(out);
-        for servo in feedback {
-            packet.append(&servo.map_or(Feedback::STALE, |servo| servo.bytes()))?;
-        }
-        packet.finish()
+        write(feedback.into_iter().map(|servo| servo.map_or(Feedback::STALE, |servo| servo.0)), out)
     }
 }
 
@@ -424,24 +364,17 @@ mod tests {
 
     #[test]
     fn goals_are_15_bytes_a_servo_in_the_order_of_the_page() {
-        let goal = Goal {
-            torque_enable: 1,
-            led: 0,
-            margin: [2, 3],
-            slope: [32, 64],
-            position: 0x0200,
-            speed: 0x0155,
-            torque_limit: 0x03FF,
-            lock: 0,
-            punch: 0x0020,
-        };
+        let values = [1, 0, 2, 3, 32, 64, 0x0200, 0x0155, 0x03FF, 0, 0x0020];
+        let fields = || Goal::REGISTERS.into_iter().zip(values);
+        let goal = fields().fold(Goal::default(), |goal, (r, value)| goal.with(r, value));
+        assert!(fields().all(|(register, value)| goal.get(register) == value));
         let mut buffer = [0; MAX_PACKET];
         let packet = Goals::encode(&[goal; 2], &mut buffer).unwrap();
         let one = [1, 0, 2, 3, 32, 64, 0x00, 0x02, 0x55, 0x01, 0xFF, 0x03, 0, 0x20, 0x00];
         assert_eq!((&packet[..4], &packet[4..19]), (&[0xFF, 0xFF, 0, 30][..], &one[..]));
         let goals = Goals::parse(params(packet), 2).unwrap();
         assert_eq!(goals.iter().collect::<Vec<_>>(), [goal; 2]);
-        assert_eq!((&goal.motion_registers()[..], &goal.lock_registers()[..]), one.split_at(12));
+        assert_eq!(goal.blocks(), one.split_at(12));
         for servos in [0, 1, 3] {
             assert_eq!(Goals::parse(params(packet), servos), Err(Refusal::Length(30)));
         }
@@ -478,8 +411,15 @@ mod tests {
 
     #[test]
     fn a_report_is_8_registers_a_servo_and_ff_for_one_that_did_not_answer() {
-        let heard =
-            Feedback { position: 0x1FF, speed: 0x455, load: 2, voltage: 96, temperature: 41 };
+        let heard = Feedback([0xFF, 1, 0x55, 4, 2, 0, 96, 41]);
+        let fields = [
+            (Register::PRESENT_POSITION, 0x1FF),
+            (Register::PRESENT_SPEED, 0x455),
+            (Register::PRESENT_LOAD, 2),
+            (Register::PRESENT_VOLTAGE, 96),
+            (Register::PRESENT_TEMPERATURE, 41),
+        ];
+        assert!(fields.into_iter().all(|(register, value)| heard.get(register) == value));
         let mut buffer = [0; MAX_PACKET];
         let packet = Report::encode([Some(heard), None], &mut buffer).unwrap();
         assert_eq!(packet[..12], [0xFF, 0xFF, 0, 16, 0xFF, 1, 0x55, 4, 2, 0, 96, 41]);

@@ -35,8 +35,9 @@
 mod message;
 mod packet;
 
+pub use crate::dynamixel::EncodeError;
 pub use message::{Answer, Feedback, Goal, Goals, Hello, Limits, Refusal, Report};
-pub use packet::{Cm5, EncodeError, MAX_PACKET, OVERHEAD, Packet, Receiver};
+pub use packet::{Cm5, MAX_PACKET, OVERHEAD, Packet, Receiver};
 
 /// The most servos that a packet is made for. Their goals are 1505 bytes: 15 ms at 1 Mbaud and
 /// 0.26 s at 57,600 baud, so that even then a PC is heard several times in the second after which

@@ -4,6 +4,7 @@
 use super::MAX_SERVOS;
 use super::message::Goal;
 use crate::deframe::{Deframer, Framing};
+use crate::dynamixel::{EncodeError, Writer, sums_up};
 
 /// What begins every packet.
 const START: [u8; 2] = [0xFF, 0xFF];
@@ -29,7 +30,7 @@ impl Framing for Cm5 {
     }
 
     fn is_intact(candidate: &[u8]) -> bool {
-        candidate.strip_prefix(&START).is_some_and(|body| sum(body) == 0xFF)
+        sums_up(candidate)
     }
 }
 
@@ -44,27 +45,6 @@ pub struct Packet<'a> {
     pub params: &'a [u8],
 }
 
-/// Why a packet could not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum EncodeError {
-    /// More than [`MAX_PACKET`] allows, or more servos than [`MAX_SERVOS`].
-    TooLong,
-    /// The buffer given is shorter than the packet.
-    BufferTooShort,
-}
-
-impl core::fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "more than 100 servos: use a bridge for each part of them",
-            Self::BufferTooShort => "the buffer is shorter than the packet",
-        })
-    }
-}
-
-impl core::error::Error for EncodeError {}
-
 impl<'a> Packet<'a> {
     /// Takes an intact packet apart, as [`Receiver`] hands it out. `None` if it is too short to
     /// be one; the checksum is the receiver's business.
@@ -78,56 +58,19 @@ impl<'a> Packet<'a> {
     /// # Errors
     /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let mut writer = PacketWriter::new(out);
-        writer.append(self.params)?;
-        writer.finish()
+        write([self.params], out)
     }
 }
 
-/// A packet that is being written where it will be sent from.
-pub(super) struct PacketWriter<'b> {
-    out: &'b mut [u8],
-    params: usize,
-}
-
-impl<'b> PacketWriter<'b> {
-    /// Begins a packet without parameters.
-    pub(super) fn new(out: &'b mut [u8]) -> Self {
-        Self { out, params: 0 }
-    }
-
-    /// Appends parameters.
-    pub(super) fn append(&mut self, params: &[u8]) -> Result<(), EncodeError> {
-        let begin = self.params.saturating_add(PARAMS);
-        let end = begin.saturating_add(params.len());
-        if end >= MAX_PACKET {
-            return Err(EncodeError::TooLong);
-        }
-        let room = self.out.get_mut(begin..end).ok_or(EncodeError::BufferTooShort)?;
-        room.copy_from_slice(params);
-        self.params = self.params.saturating_add(params.len());
-        Ok(())
-    }
-
-    /// Writes start, Len and checksum, and answers the whole packet.
-    pub(super) fn finish(self) -> Result<&'b mut [u8], EncodeError> {
-        let total = self.params.saturating_add(OVERHEAD);
-        let packet = self.out.get_mut(..total).ok_or(EncodeError::BufferTooShort)?;
-        let len = u16::try_from(self.params).map_err(|_| EncodeError::TooLong)?;
-        let [high, low] = len.to_be_bytes();
-        if let Some(header) = packet.first_chunk_mut() {
-            *header = [START[0], START[1], high, low];
-        }
-        if let Some((checksum, before)) = packet.split_last_mut() {
-            *checksum = !sum(before.get(LEN..).unwrap_or_default());
-        }
-        Ok(packet)
-    }
-}
-
-/// The low byte of the sum.
-fn sum(bytes: &[u8]) -> u8 {
-    bytes.iter().fold(0, |sum, &byte| sum.wrapping_add(byte))
+/// Writes a packet whose parameters come in parts.
+pub(super) fn write(
+    parts: impl IntoIterator<Item: AsRef<[u8]>>,
+    out: &mut [u8],
+) -> Result<&mut [u8], EncodeError> {
+    let mut writer = Writer::new(out, &[START[0], START[1], 0, 0], MAX_PACKET)?;
+    parts.into_iter().try_for_each(|part| writer.append(part.as_ref()))?;
+    let len = u16::try_from(writer.params()).map_err(|_| EncodeError::TooLong)?;
+    writer.finish(LEN, &len.to_be_bytes())
 }
 
 #[cfg(test)]

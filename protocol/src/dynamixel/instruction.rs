@@ -1,6 +1,6 @@
 //! What a master asks for (manual 3-2 and 4), typed, both directions.
 
-use super::packet::{Id, Packet, PacketWriter};
+use super::packet::{Id, Packet, Writer, begin, finish, write};
 use crate::data::EncodeError;
 
 /// Instruction codes (manual 4).
@@ -50,60 +50,24 @@ pub enum Instruction<'a> {
     SyncWrite(SyncWrite<'a>),
 }
 
-/// Why an intact packet is no instruction. A servo answers [`Errors::INSTRUCTION`] to it.
-///
-/// [`Errors::INSTRUCTION`]: super::Errors::INSTRUCTION
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Refusal {
-    /// No instruction has this code.
-    UnknownInstruction(u8),
-    /// So many parameters do not fit this instruction.
-    Length {
-        /// The instruction's code.
-        code: u8,
-        /// How many parameters came.
-        len: usize,
-    },
-}
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::UnknownInstruction(code) => write!(f, "there is no instruction {code:#04x}"),
-            Self::Length { code, len } => {
-                write!(f, "{len} parameters do not fit instruction {code:#04x}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Refusal {}
-
 impl<'a> Instruction<'a> {
-    /// Reads code and parameters of an intact packet.
-    ///
-    /// # Errors
-    /// [`Refusal`].
-    pub fn parse(packet: Packet<'a>) -> Result<Self, Refusal> {
-        let Packet { code, params, .. } = packet;
-        match (code, params) {
-            (code::PING, []) => Ok(Self::Ping),
-            (code::READ, &[address, count]) => Ok(Self::Read { address, count }),
-            (code::WRITE, &[address, ref data @ ..]) if !data.is_empty() => {
-                Ok(Self::Write { address, data })
+    /// Reads code and parameters of an intact packet. `None` if there is no such instruction, or the
+    /// parameters do not fit it: a servo answers [`Errors::INSTRUCTION`](super::Errors::INSTRUCTION).
+    pub fn parse(Packet { code, params, .. }: Packet<'a>) -> Option<Self> {
+        Some(match (code, params) {
+            (code::PING, []) => Self::Ping,
+            (code::READ, &[address, count]) => Self::Read { address, count },
+            (code::WRITE, [address, data @ ..]) if !data.is_empty() => {
+                Self::Write { address: *address, data }
             }
-            (code::REG_WRITE, &[address, ref data @ ..]) if !data.is_empty() => {
-                Ok(Self::RegWrite { address, data })
+            (code::REG_WRITE, [address, data @ ..]) if !data.is_empty() => {
+                Self::RegWrite { address: *address, data }
             }
-            (code::ACTION, []) => Ok(Self::Action),
-            (code::RESET, []) => Ok(Self::Reset),
-            (code::SYNC_WRITE, _) => SyncWrite::parse(params)
-                .map(Self::SyncWrite)
-                .ok_or(Refusal::Length { code, len: params.len() }),
-            (code::PING..=code::RESET, _) => Err(Refusal::Length { code, len: params.len() }),
-            _ => Err(Refusal::UnknownInstruction(code)),
-        }
+            (code::ACTION, []) => Self::Action,
+            (code::RESET, []) => Self::Reset,
+            (code::SYNC_WRITE, _) => Self::SyncWrite(SyncWrite::parse(params)?),
+            _ => return None,
+        })
     }
 
     /// Writes a whole packet for `id` into `out` and answers the part it took. A SYNC_WRITE goes
@@ -112,32 +76,20 @@ impl<'a> Instruction<'a> {
     /// # Errors
     /// [`EncodeError`].
     pub fn encode<'b>(&self, id: Id, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let packet = |code, params| Packet { id, code, params };
         match *self {
-            Self::Ping => packet(code::PING, &[]).encode(out),
-            Self::Read { address, count } => packet(code::READ, &[address, count]).encode(out),
-            Self::Write { address, data } => write(id, code::WRITE, address, data, out),
-            Self::RegWrite { address, data } => write(id, code::REG_WRITE, address, data, out),
-            Self::Action => packet(code::ACTION, &[]).encode(out),
-            Self::Reset => packet(code::RESET, &[]).encode(out),
+            Self::Ping => write(id, code::PING, &[], out),
+            Self::Read { address, count } => write(id, code::READ, &[&[address, count]], out),
+            Self::Write { address, data } => write(id, code::WRITE, &[&[address], data], out),
+            Self::RegWrite { address, data } => {
+                write(id, code::REG_WRITE, &[&[address], data], out)
+            }
+            Self::Action => write(id, code::ACTION, &[], out),
+            Self::Reset => write(id, code::RESET, &[], out),
             Self::SyncWrite(SyncWrite { params }) => {
-                Packet { id: Id::BROADCAST, code: code::SYNC_WRITE, params }.encode(out)
+                write(Id::BROADCAST, code::SYNC_WRITE, &[params], out)
             }
         }
     }
-}
-
-fn write<'b>(
-    id: Id,
-    code: u8,
-    address: u8,
-    data: &[u8],
-    out: &'b mut [u8],
-) -> Result<&'b mut [u8], EncodeError> {
-    let mut packet = PacketWriter::new(out, id, code)?;
-    packet.append(1)?.copy_from_slice(&[address]);
-    packet.append(data.len())?.copy_from_slice(data);
-    packet.finish()
 }
 
 /// A SYNC_WRITE that was found well formed: the first register, how many bytes each servo gets (one
@@ -185,7 +137,7 @@ impl<'a> SyncWrite<'a> {
 /// assert_eq!(packet[..8], [0xFF, 0xFF, 0xFE, 10, 0x83, 30, 2, 1]);
 /// ```
 pub struct SyncWriter<'b> {
-    packet: PacketWriter<'b>,
+    packet: Writer<'b>,
     len: u8,
 }
 
@@ -196,8 +148,8 @@ impl<'b> SyncWriter<'b> {
     /// # Errors
     /// [`EncodeError::BufferTooShort`].
     pub fn new(out: &'b mut [u8], address: u8, len: u8) -> Result<Self, EncodeError> {
-        let mut packet = PacketWriter::new(out, Id::BROADCAST, code::SYNC_WRITE)?;
-        packet.append(2)?.copy_from_slice(&[address, len]);
+        let mut packet = begin(out, Id::BROADCAST, code::SYNC_WRITE)?;
+        packet.append(&[address, len])?;
         Ok(Self { packet, len })
     }
 
@@ -209,7 +161,7 @@ impl<'b> SyncWriter<'b> {
     pub fn servo(&mut self, id: Id) -> Result<&mut [u8], EncodeError> {
         let each = usize::from(self.len).saturating_add(1);
         let (first, data) =
-            self.packet.append(each)?.split_first_mut().ok_or(EncodeError::BufferTooShort)?;
+            self.packet.room(each)?.split_first_mut().ok_or(EncodeError::BufferTooShort)?;
         *first = id.number();
         Ok(data)
     }
@@ -219,7 +171,7 @@ impl<'b> SyncWriter<'b> {
     /// # Errors
     /// [`EncodeError`]; not when every call before it went well.
     pub fn finish(self) -> Result<&'b mut [u8], EncodeError> {
-        self.packet.finish()
+        finish(self.packet)
     }
 }
 
@@ -255,7 +207,7 @@ mod tests {
         let packet = received(&SYNC_WRITE);
         let packet = Packet::parse(&packet).unwrap();
         assert_eq!(packet.id, Id::BROADCAST);
-        let Ok(Instruction::SyncWrite(sync_write)) = Instruction::parse(packet) else {
+        let Some(Instruction::SyncWrite(sync_write)) = Instruction::parse(packet) else {
             panic!("no SYNC_WRITE");
         };
         assert_eq!(sync_write.address(), 30);
@@ -276,7 +228,7 @@ mod tests {
         let instruction = Instruction::Write { address: 47, data: &[1] };
         assert_eq!(instruction.encode(id, &mut [0; 8]).unwrap(), lock);
         let packet = received(&lock);
-        assert_eq!(Instruction::parse(Packet::parse(&packet).unwrap()), Ok(instruction));
+        assert_eq!(Instruction::parse(Packet::parse(&packet).unwrap()), Some(instruction));
 
         let status = Status { id, errors: Errors::NONE, params: &[] };
         assert_eq!(status.encode(&mut [0; 6]).unwrap(), answer);
@@ -303,12 +255,11 @@ mod tests {
         ];
         for (code, params) in refused {
             let packet = Packet { id: Id::BROADCAST, code, params };
-            let refusal = Refusal::Length { code, len: params.len() };
-            assert_eq!(Instruction::parse(packet), Err(refusal), "{code:#04x} {params:?}");
+            assert_eq!(Instruction::parse(packet), None, "{code:#04x} {params:?}");
         }
         for code in [0x00, 0x07, 0x82, 0x84, 0xFF] {
             let packet = Packet { id: Id::BROADCAST, code, params: &[] };
-            assert_eq!(Instruction::parse(packet), Err(Refusal::UnknownInstruction(code)));
+            assert_eq!(Instruction::parse(packet), None);
         }
     }
 
@@ -324,7 +275,7 @@ mod tests {
         // 253 parameters: 2, and 13 a servo.
         assert_eq!(servos, 19);
         let packet = writer.finish().unwrap();
-        let Ok(Instruction::SyncWrite(read)) = Instruction::parse(Packet::parse(packet).unwrap())
+        let Some(Instruction::SyncWrite(read)) = Instruction::parse(Packet::parse(packet).unwrap())
         else {
             panic!("no SYNC_WRITE");
         };

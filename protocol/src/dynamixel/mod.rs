@@ -17,10 +17,11 @@ mod register;
 mod status;
 
 pub use crate::data::EncodeError;
-pub use instruction::{Instruction, Refusal, SyncWrite, SyncWriter};
+pub use instruction::{Instruction, SyncWrite, SyncWriter};
 pub use packet::{
     Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD, Packet,
-    PacketError, StatusReceiver,
+    StatusReceiver,
 };
+pub(crate) use packet::{Writer, sums_up};
 pub use register::{Access, REGISTER_BYTES, Register};
 pub use status::{Errors, Status};

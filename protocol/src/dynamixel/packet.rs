@@ -64,7 +64,7 @@ impl Framing for Dynamixel {
     }
 
     fn is_intact(candidate: &[u8]) -> bool {
-        candidate.strip_prefix(&START).is_some_and(|body| sum(body) == 0xFF)
+        sums_up(candidate)
     }
 }
 
@@ -88,47 +88,14 @@ pub struct Packet<'a> {
     pub params: &'a [u8],
 }
 
-/// Why bytes are not a packet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum PacketError {
-    /// They do not begin with `FF FF ID LEN`, or LEN does not fit their number.
-    Malformed,
-    /// The checksum is wrong; a servo whose ID this is says so in its answer.
-    Checksum(Id),
-}
-
-impl core::fmt::Display for PacketError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Malformed => f.write_str("not a packet"),
-            Self::Checksum(id) => write!(f, "wrong checksum in a packet with ID {}", id.number()),
-        }
-    }
-}
-
-impl core::error::Error for PacketError {}
-
 impl<'a> Packet<'a> {
-    /// Takes one whole packet apart.
-    ///
-    /// # Errors
-    /// [`PacketError`]; never for what a receiver has handed out.
-    pub fn parse(packet: &'a [u8]) -> Result<Self, PacketError> {
-        let total = packet.get(..CODE).and_then(Dynamixel::length);
-        if !packet.starts_with(&START) || total != Some(packet.len()) {
-            return Err(PacketError::Malformed);
-        }
-        let fields = || {
-            let id = Id::new(*packet.get(ID)?)?;
-            let (_checksum, params) = packet.get(PARAMS..)?.split_last()?;
-            Some(Self { id, code: *packet.get(CODE)?, params })
-        };
-        let packet_fields = fields().ok_or(PacketError::Malformed)?;
-        if !Dynamixel::is_intact(packet) {
-            return Err(PacketError::Checksum(packet_fields.id));
-        }
-        Ok(packet_fields)
+    /// Takes one whole packet apart. `None` if it does not begin with `FF FF ID LEN`, or LEN does
+    /// not fit its length; the checksum is the receiver's business.
+    pub fn parse(packet: &'a [u8]) -> Option<Self> {
+        let total = Dynamixel::length(packet.strip_prefix(&START).and(packet.get(..CODE))?)?;
+        let (_checksum, params) = packet.get(PARAMS..)?.split_last()?;
+        let (id, code) = (Id::new(*packet.get(ID)?)?, *packet.get(CODE)?);
+        (total == packet.len()).then_some(Self { id, code, params })
     }
 
     /// Writes the packet into `out` and answers the part it took.
@@ -136,57 +103,87 @@ impl<'a> Packet<'a> {
     /// # Errors
     /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let mut writer = PacketWriter::new(out, self.id, self.code)?;
-        writer.append(self.params.len())?.copy_from_slice(self.params);
-        writer.finish()
+        write(self.id, self.code, &[self.params], out)
     }
 }
 
-/// A packet that is being written where it will be sent from.
-pub(super) struct PacketWriter<'b> {
+/// Writes a packet whose parameters come in parts.
+pub(super) fn write<'b>(
+    id: Id,
+    code: u8,
+    parts: &[&[u8]],
     out: &'b mut [u8],
-    params: usize,
+) -> Result<&'b mut [u8], EncodeError> {
+    let mut writer = begin(out, id, code)?;
+    parts.iter().try_for_each(|part| writer.append(part))?;
+    finish(writer)
 }
 
-impl<'b> PacketWriter<'b> {
-    /// Begins a packet without parameters.
-    pub(super) fn new(out: &'b mut [u8], id: Id, code: u8) -> Result<Self, EncodeError> {
-        let header = out.first_chunk_mut().ok_or(EncodeError::BufferTooShort)?;
-        *header = [START[0], START[1], id.number(), 0, code];
-        Ok(Self { out, params: 0 })
+/// Begins a packet without parameters.
+pub(super) fn begin(out: &mut [u8], id: Id, code: u8) -> Result<Writer<'_>, EncodeError> {
+    Writer::new(out, &[START[0], START[1], id.number(), 0, code], MAX_PACKET)
+}
+
+/// Writes LEN and checksum.
+pub(super) fn finish(writer: Writer<'_>) -> Result<&mut [u8], EncodeError> {
+    let len = u8::try_from(writer.params().saturating_add(COUNTED));
+    writer.finish(LEN, &[len.map_err(|_| EncodeError::TooLong)?])
+}
+
+/// A packet that is being written where it will be sent from: `FF FF` in front, and behind it the
+/// complement of the sum. The servo bus and the CM-5's link to its PC have that in common.
+pub(crate) struct Writer<'b> {
+    out: &'b mut [u8],
+    header: usize,
+    end: usize,
+    max: usize,
+}
+
+impl<'b> Writer<'b> {
+    /// Begins a packet of at most `max` bytes.
+    pub(crate) fn new(out: &'b mut [u8], header: &[u8], max: usize) -> Result<Self, EncodeError> {
+        let mut writer = Self { out, header: header.len(), end: 0, max };
+        writer.append(header)?;
+        Ok(writer)
     }
 
-    /// Room for the next `count` parameters, to be filled by the caller. After an error the packet
-    /// is as it was.
-    pub(super) fn append(&mut self, count: usize) -> Result<&mut [u8], EncodeError> {
-        let params = self.params.saturating_add(count);
-        if params > MAX_PARAMS {
+    /// Bytes behind the header.
+    pub(crate) fn params(&self) -> usize {
+        self.end.saturating_sub(self.header)
+    }
+
+    /// Appends these bytes.
+    pub(crate) fn append(&mut self, bytes: &[u8]) -> Result<(), EncodeError> {
+        self.room(bytes.len()).map(|room| room.copy_from_slice(bytes))
+    }
+
+    /// Room for the next `count` bytes, to be filled by the caller. After an error the packet is as
+    /// it was.
+    pub(crate) fn room(&mut self, count: usize) -> Result<&mut [u8], EncodeError> {
+        let (begin, end) = (self.end, self.end.saturating_add(count));
+        if end >= self.max {
             return Err(EncodeError::TooLong);
         }
-        let total = params.saturating_add(OVERHEAD);
-        let begin = self.params.saturating_add(PARAMS);
-        let room = self.out.get_mut(..total).and_then(|packet| packet.get_mut(begin..));
-        let (room, _checksum) = room
-            .and_then(|room| room.split_at_mut_checked(count))
-            .ok_or(EncodeError::BufferTooShort)?;
-        self.params = params;
-        Ok(room)
+        // One more, for the checksum.
+        let room = self.out.get_mut(begin..=end).ok_or(EncodeError::BufferTooShort)?;
+        self.end = end;
+        room.get_mut(..count).ok_or(EncodeError::BufferTooShort)
     }
 
-    /// Writes LEN and checksum.
-    pub(super) fn finish(self) -> Result<&'b mut [u8], EncodeError> {
-        let len = u8::try_from(self.params.saturating_add(COUNTED));
-        let len = len.map_err(|_| EncodeError::TooLong)?;
-        let total = self.params.saturating_add(OVERHEAD);
-        let packet = self.out.get_mut(..total).ok_or(EncodeError::BufferTooShort)?;
-        if let Some(place) = packet.get_mut(LEN) {
-            *place = len;
-        }
+    /// Writes the length at its place, and the checksum.
+    pub(crate) fn finish(self, at: usize, len: &[u8]) -> Result<&'b mut [u8], EncodeError> {
+        let packet = self.out.get_mut(..=self.end).ok_or(EncodeError::BufferTooShort)?;
+        packet.iter_mut().skip(at).zip(len).for_each(|(to, from)| *to = *from);
         if let Some((checksum, before)) = packet.split_last_mut() {
-            *checksum = !sum(before.get(ID..).unwrap_or_default());
+            *checksum = !sum(before.get(START.len()..).unwrap_or_default());
         }
         Ok(packet)
     }
+}
+
+/// Whether it begins with `FF FF`, and its checksum is right.
+pub(crate) fn sums_up(packet: &[u8]) -> bool {
+    packet.strip_prefix(&START).is_some_and(|body| sum(body) == 0xFF)
 }
 
 /// The low byte of the sum.
@@ -202,12 +199,10 @@ mod tests {
     fn a_packet_ends_where_its_length_says_and_its_sum_is_all_ones() {
         let packet = [0xFF, 0xFF, 0x00, 0x02, 0x00, 0xFD];
         let id = Id::new(0).unwrap();
-        assert_eq!(Packet::parse(&packet), Ok(Packet { id, code: 0, params: &[] }));
-        assert_eq!(Packet::parse(&packet[..5]), Err(PacketError::Malformed));
-        assert_eq!(
-            Packet::parse(&[0xFF, 0xFF, 0x00, 0x02, 0x00, 0xFC]),
-            Err(PacketError::Checksum(id))
-        );
+        assert_eq!(Packet::parse(&packet), Some(Packet { id, code: 0, params: &[] }));
+        assert_eq!(Packet::parse(&packet[..5]), None);
+        assert!(Dynamixel::is_intact(&packet));
+        assert!(!Dynamixel::is_intact(&[0xFF, 0xFF, 0x00, 0x02, 0x00, 0xFC]));
     }
 
     #[test]

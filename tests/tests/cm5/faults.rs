@@ -66,10 +66,13 @@ fn a_servo_that_hears_but_does_not_answer_is_stopped() {
             bench.board.bus.bus().servo(servo).set(Register::STATUS_RETURN_LEVEL, 0);
         }
         bench.run_alive_ms(500, goal(512));
-        assert_eq!((bench.goal_of(0).torque_enable, bench.register(0, Register::MOVING)), (0, 0));
+        assert_eq!(
+            (bench.goal_of(0).get(Register::TORQUE_ENABLE), bench.register(0, Register::MOVING)),
+            (0, 0)
+        );
         assert!((1..all.len()).all(|joint| bench.goal_of(joint) == goal(512)), "they hold");
-        bench.run_alive_ms(100, Goal { torque_enable: 0, ..goal(512) });
-        assert!((0..all.len()).all(|servo| bench.goal_of(servo).torque_enable == 0));
+        bench.run_alive_ms(100, goal(512).with(Register::TORQUE_ENABLE, 0));
+        assert!((0..all.len()).all(|servo| bench.goal_of(servo).get(Register::TORQUE_ENABLE) == 0));
     }
 }
 
@@ -125,7 +128,7 @@ fn a_servo_that_is_back_while_the_pc_is_silent_waits_for_a_goal() {
     bench.board.bus.bus().plug(1);
     bench.run_ms(2000);
     assert_eq!(bench.counters(1).returns, 1);
-    assert_eq!((bench.goal_of(0), bench.goal_of(1).torque_enable), (goal(900), 0));
+    assert_eq!((bench.goal_of(0), bench.goal_of(1).get(Register::TORQUE_ENABLE)), (goal(900), 0));
     bench.send_goal(goal(400));
     bench.run_ms(10);
     assert_eq!([bench.goal_of(0), bench.goal_of(1)], [goal(400); 2]);
@@ -184,7 +187,10 @@ fn a_new_servo_is_told_of_within_five_seconds_and_joins_when_the_pc_answers() {
         assert!(!hellos.is_empty() && hellos.iter().all(|(_, hello)| *hello == ids), "{id}");
         assert_eq!(bench.board.bridge().counters().newcomers, 1);
         // The others have gone on, and it has not been touched.
-        assert_eq!((bench.goal_of(0), bench.goal_of(3).torque_enable), (goal(400), 0));
+        assert_eq!(
+            (bench.goal_of(0), bench.goal_of(3).get(Register::TORQUE_ENABLE)),
+            (goal(400), 0)
+        );
         assert_eq!(bench.setup(3), [250, 0, 1023]);
 
         bench.answer(1, &[limits(100, 900)]);
@@ -348,11 +354,14 @@ fn the_shutdown_of_a_servo_is_not_undone_but_by_a_newer_goal() {
     bench.run_ms(10);
     for _ in 0..2000 {
         bench.board.run_for(Duration::from_micros(997));
-        assert_eq!(bench.goal_of(0).torque_enable, 0);
+        assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 0);
     }
     bench.board.bus.bus().servo(0).surroundings.temperature_c = 60;
     bench.run_ms(1000);
-    let off = (bench.goal_of(0).torque_enable, bench.goal_of(0).torque_limit);
+    let off = (
+        bench.goal_of(0).get(Register::TORQUE_ENABLE),
+        bench.goal_of(0).get(Register::TORQUE_LIMIT),
+    );
     assert_eq!((off, bench.goal_of(1)), ((0, 0), goal(600)));
     // A PC may insist: a joint that is overloaded must be able to back off.
     bench.send_goal(goal(500));

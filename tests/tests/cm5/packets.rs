@@ -59,18 +59,16 @@ fn piece() -> impl Strategy<Value = Vec<u8>> {
 }
 
 fn any_goal() -> impl Strategy<Value = Goal> {
-    let registers = (0..=1u8, 0..=1u8, [0..=254u8, 0..=254], [1..=254u8, 1..=254]);
-    let words = (0..=1023u16, 0..=2047u16, 0..=1023u16, 0..=1u8, 0..=1023u16);
-    (registers, words).prop_map(
-        |((torque_enable, led, margin, slope), (position, speed, torque_limit, lock, punch))| {
-            Goal { torque_enable, led, margin, slope, position, speed, torque_limit, lock, punch }
-        },
-    )
+    let values = Goal::REGISTERS.map(|register| register.min..=register.max);
+    values.prop_map(|values| {
+        let fields = Goal::REGISTERS.into_iter().zip(values);
+        fields.fold(Goal::default(), |goal, (register, value)| goal.with(register, value))
+    })
 }
 
 fn feedback() -> impl Strategy<Value = Option<Feedback>> {
     // 8 x FF is no feedback of a servo.
-    any::<[u8; 8]>().prop_map(|bytes| (bytes != [0xFF; 8]).then(|| Feedback::parse(bytes)))
+    any::<[u8; 8]>().prop_map(|bytes| (bytes != [0xFF; 8]).then_some(Feedback(bytes)))
 }
 
 fn any_limits() -> impl Strategy<Value = Limits> {

@@ -188,7 +188,7 @@ fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared(
     bench.run_ms(500);
     bench.said();
     bench.run_alive_ms(10_000, goal(600));
-    assert_eq!((bench.goal_of(0), bench.goal_of(1).torque_enable), (goal(600), 0));
+    assert_eq!((bench.goal_of(0), bench.goal_of(1).get(Register::TORQUE_ENABLE)), (goal(600), 0));
     assert_eq!(bench.setup(1), [250, 0, 1023]);
     let tried = bench.counters(1);
     assert_eq!(tried.eeprom_bytes, 12, "6 writes of a limit in all");
@@ -244,7 +244,8 @@ fn what_turns_when_the_bridge_starts_stops_unless_a_pc_agrees_in_time() {
         }
         all
     };
-    let driven = |bench: &Bench| [0, 1].map(|servo| bench.goal_of(servo).torque_enable);
+    let driven =
+        |bench: &Bench| [0, 1].map(|servo| bench.goal_of(servo).get(Register::TORQUE_ENABLE));
     for (on_silence, expected) in [(OnSilence::Freeze, [0, 1]), (OnSilence::TorqueOff, [0, 0])] {
         let settings = BridgeSettings { on_silence, ..BridgeSettings::DEFAULT };
         let mut bench =

@@ -21,7 +21,7 @@ fn joint_and_wheel(phase: u64) -> Bench {
 }
 
 fn turns(bench: &Bench, servo: usize) -> bool {
-    bench.goal_of(servo).torque_enable == 1
+    bench.goal_of(servo).get(Register::TORQUE_ENABLE) == 1
 }
 
 #[test]

@@ -16,24 +16,18 @@ fn no_goal_is_sent_before_the_first_of_the_pc() {
     let untouched: Vec<_> = (0..3).map(|servo| bench.goal_of(servo)).collect();
     bench.board.bus.bus().servo(0).set(Register::GOAL_POSITION, 77);
     bench.run_ms(500);
-    assert_eq!(bench.goal_of(0).position, 77, "nothing overwrites it");
+    assert_eq!(bench.goal_of(0).get(Register::GOAL_POSITION), 77, "nothing overwrites it");
     assert_eq!(bench.goal_of(1), untouched[1]);
-    assert_eq!(bench.goal_of(0).torque_enable, 0);
+    assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 0);
 }
 
 #[test]
 fn every_register_of_a_goal_reaches_its_servo_within_two_cycles_and_again_in_each() {
     let mut bench = three();
-    let goals = [100u16, 500, 900].map(|position| Goal {
-        torque_enable: 1,
-        led: 1,
-        margin: [2, 3],
-        slope: [40, 50],
-        position,
-        speed: position / 2,
-        torque_limit: 1000 - position / 10,
-        lock: 0,
-        punch: 33,
+    let goals = [100, 500, 900].map(|position| {
+        let values = [1, 1, 2, 3, 40, 50, position, position / 2, 1000 - position / 10, 0, 33];
+        let fields = Goal::REGISTERS.into_iter().zip(values);
+        fields.fold(Goal::default(), |goal, (register, value)| goal.with(register, value))
     });
     bench.send_goals(&goals);
     // 50 bytes take 0.5 ms, a cycle of three servos 1.4 ms, and a PING of the watch 0.7 ms.
@@ -79,7 +73,7 @@ fn a_goal_that_no_servo_takes_changes_nothing_and_does_not_keep_it_from_stopping
     let mut bench = Bench::new(servos([1]));
     bench.agree(1000, &[limits(0, 0)], 1);
     bench.run_alive_ms(500, goal(512));
-    bench.send_goal(Goal { slope: [0, 0], ..goal(0) });
+    bench.send_goal(goal(0).with(Register::CW_SLOPE, 0).with(Register::CCW_SLOPE, 0));
     bench.run_ms(50);
     assert_eq!((bench.goal_of(0), bench.register(0, Register::MOVING)), (goal(512), 1));
     assert_eq!(bench.board.bridge().counters().pc.refused, 1);
@@ -101,9 +95,12 @@ fn a_report_a_cycle_tells_the_registers_36_to_43_of_each_servo() {
     let reports = bench.reports();
     assert!((cycles - 1..=cycles + 1).contains(&(reports.len() as u32)), "{cycles}");
     let feedback = reports.last().unwrap()[1].unwrap();
-    assert_eq!((feedback.temperature, feedback.voltage), (44, 111));
+    assert_eq!(
+        (feedback.get(Register::PRESENT_TEMPERATURE), feedback.get(Register::PRESENT_VOLTAGE)),
+        (44, 111)
+    );
     let position = bench.register(1, Register::PRESENT_POSITION);
-    assert_eq!(feedback.position, position);
+    assert_eq!(feedback.get(Register::PRESENT_POSITION), position);
     assert!((698..=702).contains(&position), "it has arrived at {position}");
     assert_eq!(after.pc.reports_skipped, before.pc.reports_skipped);
 }
@@ -126,7 +123,7 @@ fn lock_is_passed_on_only_if_a_setting_says_so() {
     for pass_lock in [false, true] {
         let settings = BridgeSettings { pass_lock, ..BridgeSettings::DEFAULT };
         let mut bench = Bench::at_work(Make { servos: servos([1]), settings, ..Make::default() });
-        bench.send_goal(Goal { lock: 1, ..goal(512) });
+        bench.send_goal(goal(512).with(Register::LOCK, 1));
         bench.run_ms(20);
         assert_eq!(bench.register(0, Register::LOCK), u16::from(pass_lock));
     }
@@ -135,13 +132,13 @@ fn lock_is_passed_on_only_if_a_setting_says_so() {
 #[test]
 fn when_the_pc_is_silent_goals_and_torque_stay_and_hellos_are_said_until_it_is_back() {
     let mut bench = three();
-    bench.send_goal(Goal { speed: 20, ..goal(900) });
+    bench.send_goal(goal(900).with(Register::MOVING_SPEED, 20));
     bench.run_ms(990);
     assert!(!bench.board.bridge().pc_is_silent() && bench.hellos().is_empty());
     bench.run_ms(20);
     assert!(bench.board.bridge().pc_is_silent());
     bench.run_ms(2000);
-    assert_eq!(bench.goal_of(1), Goal { speed: 20, ..goal(900) });
+    assert_eq!(bench.goal_of(1), goal(900).with(Register::MOVING_SPEED, 20));
     let hellos = bench.hellos();
     assert_eq!(hellos.len(), 3, "at 1.0, 2.0 and 3.0 s");
     assert_eq!(hellos[0].1, [1, 2, 3]);
@@ -149,7 +146,7 @@ fn when_the_pc_is_silent_goals_and_torque_stay_and_hellos_are_said_until_it_is_b
     // A servo that loses its goal is still told what it was.
     bench.board.bus.bus().servo(1).set(Register::TORQUE_ENABLE, 0);
     bench.run_ms(5);
-    assert_eq!(bench.goal_of(1).torque_enable, 1);
+    assert_eq!(bench.goal_of(1).get(Register::TORQUE_ENABLE), 1);
 
     bench.send_goal(goal(100));
     bench.run_ms(10);
@@ -165,7 +162,7 @@ fn what_turns_endlessly_is_stopped_when_the_pc_is_silent() {
     let mut bench = Bench::new(servos([1, 2]));
     bench.agree(1000, &[limits(0, 0), limits(0, 1023)], 2);
     bench.run_alive_ms(500, goal(512));
-    let stopped = Goal { torque_enable: 0, ..goal(512) };
+    let stopped = goal(512).with(Register::TORQUE_ENABLE, 0);
     bench.see(Silent, |bench| bench.goal_of(0), [(0, goal(512)), (940, goal(512)), (970, stopped)]);
     assert_eq!(bench.goal_of(1), goal(512));
 }
@@ -174,7 +171,7 @@ fn what_turns_endlessly_is_stopped_when_the_pc_is_silent() {
 fn after_a_change_of_mode(before: Limits, after: Limits) -> Bench {
     let mut bench = Bench::new(servos([1]));
     bench.agree(1000, &[before], 1);
-    bench.run_alive_ms(500, Goal { speed: 300, ..goal(0) });
+    bench.run_alive_ms(500, goal(0).with(Register::MOVING_SPEED, 300));
     bench.run_ms(200);
     bench.answer(1, &[after]);
     bench
@@ -186,11 +183,11 @@ fn a_servo_whose_mode_is_changed_does_not_move_before_its_next_goal() {
     for (before, after, next) in [(wheel, joint, goal(800)), (joint, wheel, goal(0))] {
         let mut bench = after_a_change_of_mode(before, after);
         bench.run_ms(50);
-        assert_eq!(bench.goal_of(0).torque_enable, 0, "{after:?}");
+        assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 0, "{after:?}");
         let rests = bench.board.bus.bus().servo(0).position();
         for _ in 0..100 {
             bench.run_ms(9);
-            assert_eq!(bench.goal_of(0).torque_enable, 0, "{after:?}");
+            assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 0, "{after:?}");
         }
         assert_eq!(bench.board.bus.bus().servo(0).position(), rests, "{after:?}");
         bench.send_goal(next);
@@ -206,7 +203,7 @@ fn limits_that_leave_a_joint_a_joint_do_not_let_it_go_limp() {
     let mut bench = after_a_change_of_mode(limits(0, 1023), limits(100, 900));
     for _ in 0..100 {
         bench.run_ms(3);
-        assert_eq!(bench.goal_of(0).torque_enable, 1);
+        assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 1);
     }
     assert_eq!(bench.setup(0), [1, 100, 900]);
 }
@@ -230,7 +227,7 @@ fn no_limits_are_written_to_the_other_mode_before_the_torque_is_off() {
         for _ in 0..3000 {
             bench.board.run_for(Duration::from_micros(100));
             changed |= bench.setup(0)[2] == 1023;
-            assert!(!changed || bench.goal_of(0).torque_enable == 0);
+            assert!(!changed || bench.goal_of(0).get(Register::TORQUE_ENABLE) == 0);
         }
         assert!(changed);
     }
@@ -245,7 +242,7 @@ fn a_setting_switches_the_torque_off_when_the_pc_is_silent() {
     };
     let mut bench = Bench::at_work(Make { servos: servos([1, 2]), settings, ..Make::default() });
     bench.send_goal(goal(512));
-    let off = Goal { torque_enable: 0, ..goal(512) };
+    let off = goal(512).with(Register::TORQUE_ENABLE, 0);
     let all = |bench: &PcHost| [bench.goal_of(0), bench.goal_of(1)];
     bench.see(Silent, all, [(280, [goal(512); 2]), (310, [off; 2])]);
     bench.send_goal(goal(300));

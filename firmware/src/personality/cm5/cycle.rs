@@ -37,12 +37,13 @@ impl Block {
         }
     }
 
-    /// Whether it has something for this servo.
-    fn is_for(self, servo: &Servo) -> bool {
-        match servo.drive() {
-            Drive::Untouched => false,
-            Drive::Off => self == Self::Off,
-            Drive::Goal(_) => self != Self::Off,
+    /// What it has for this servo, if anything.
+    fn data(self, servo: &Servo) -> Option<&[u8]> {
+        match (self, servo.drive()) {
+            (Self::Off, Drive::Off) => Some(&[0]),
+            (Self::Motion, Drive::Goal(goal)) => Some(goal.blocks().0),
+            (Self::Lock, Drive::Goal(goal)) => Some(goal.blocks().1),
+            _ => None,
         }
     }
 }
@@ -99,7 +100,7 @@ impl Cycle {
                     servo.map(|servo| Job::Servo(servo.id()))
                 }
                 Turn::Goals(block) => {
-                    let any = roster.behind(behind).any(|servo| block.is_for(servo));
+                    let any = roster.behind(behind).any(|servo| block.data(servo).is_some());
                     any.then_some(Job::Goals(block))
                 }
                 Turn::Rest(until) if now < until => return None,
@@ -139,25 +140,17 @@ impl Cycle {
         block: Block,
         roster: &Roster,
         out: &'b mut [u8],
-    ) -> (Result<&'b mut [u8], EncodeError>, Option<Id>) {
+    ) -> Result<(&'b mut [u8], Option<Id>), EncodeError> {
         let (register, len) = block.registers();
         let room = out.get_mut(..MAX_REQUEST).unwrap_or_default();
-        let mut writer = match SyncWriter::new(room, register.address, len) {
-            Ok(writer) => writer,
-            Err(error) => return (Err(error), None),
-        };
+        let mut writer = SyncWriter::new(room, register.address, len)?;
         let mut last = None;
-        for servo in roster.behind(self.behind).filter(|servo| block.is_for(servo)) {
-            let Ok(data) = writer.servo(servo.id()) else { break };
-            match (servo.drive(), block) {
-                (Drive::Goal(goal), Block::Motion) => {
-                    data.copy_from_slice(&goal.motion_registers());
-                }
-                (Drive::Goal(goal), _) => data.copy_from_slice(&goal.lock_registers()),
-                (Drive::Off | Drive::Untouched, _) => data.fill(0),
-            }
+        for servo in roster.behind(self.behind) {
+            let Some(data) = block.data(servo) else { continue };
+            let Ok(room) = writer.servo(servo.id()) else { break };
+            room.copy_from_slice(data);
             last = Some(servo.id());
         }
-        (writer.finish(), last)
+        Ok((writer.finish()?, last))
     }
 }

@@ -8,7 +8,7 @@
 //! The echo also tells when the last stop bit has left; an answer's time begins there.
 
 use embassy_time::{Duration, Instant};
-use protocol::dynamixel::{EncodeError, Errors, Id, OVERHEAD, Packet, Status, StatusReceiver};
+use protocol::dynamixel::{Errors, Id, OVERHEAD, Packet, StatusReceiver};
 
 /// A byte at 1 Mbaud.
 const BYTE: Duration = Duration::from_micros(10);
@@ -87,10 +87,13 @@ pub struct Answer {
 
 /// Who is to answer, and with how much.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Expected {
-    id: Id,
-    data: usize,
-    patience: Duration,
+pub struct Expected {
+    /// Who.
+    pub id: Id,
+    /// So many bytes.
+    pub data: usize,
+    /// For how long.
+    pub patience: Patience,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,34 +166,14 @@ impl Bus {
         (self.phase != Phase::Idle).then_some(self.deadline.min(self.limit))
     }
 
-    /// Begins an exchange: `write` makes the packet, which `id` is to answer with `data` bytes.
-    pub fn ask<'b>(
+    /// Begins an exchange with this packet; without `expected` nobody answers it. Returns what is to
+    /// be sent.
+    pub fn send<'b>(
         &mut self,
-        packet: Result<&'b mut [u8], EncodeError>,
-        (id, data): (Id, usize),
-        patience: Patience,
-        now: Instant,
-    ) -> Option<&'b [u8]> {
-        let patience = patience.time(data);
-        self.begin(packet, Some(Expected { id, data, patience }), now)
-    }
-
-    /// Begins an exchange that nobody answers.
-    pub fn tell<'b>(
-        &mut self,
-        packet: Result<&'b mut [u8], EncodeError>,
-        now: Instant,
-    ) -> Option<&'b [u8]> {
-        self.begin(packet, None, now)
-    }
-
-    fn begin<'b>(
-        &mut self,
-        packet: Result<&'b mut [u8], EncodeError>,
+        packet: &'b [u8],
         expected: Option<Expected>,
         now: Instant,
     ) -> Option<&'b [u8]> {
-        let packet = packet.ok()?;
         self.request = heapless::Vec::from_slice(packet).ok()?;
         self.expected = expected;
         self.phase = Phase::Echo(0);
@@ -222,19 +205,12 @@ impl Bus {
                     self.heard = true;
                     self.deadline = self.deadline.max(now + NEXT_BYTE);
                     while let Some(packet) = self.receiver.receive(bytes) {
-                        let length = packet.len();
-                        match Packet::parse(packet).ok().and_then(|p| expected.judge(p.into())) {
-                            Some(Ok((errors, data))) => {
-                                self.phase = Phase::Idle;
-                                let latency = now - since;
-                                return Some(Outcome::Answered(Answer { errors, data, latency }));
-                            }
-                            Some(Err(errors)) => {
-                                self.phase = Phase::Idle;
-                                return Some(Outcome::Refused(errors));
-                            }
-                            None => stray(&mut self.counters, length),
+                        let outcome = expected.judge(packet, now - since);
+                        if outcome.is_some() {
+                            self.phase = Phase::Idle;
+                            return outcome;
                         }
+                        stray(&mut self.counters, packet.len());
                     }
                 }
                 Phase::Idle | Phase::Collision => {
@@ -276,7 +252,7 @@ impl Bus {
             return Some(Outcome::Sent);
         };
         self.phase = Phase::Answer(expected, now);
-        self.deadline = now + expected.patience;
+        self.deadline = now + expected.patience.time(expected.data);
         self.limit = self.deadline + LONGEST_ANSWER;
         None
     }
@@ -290,20 +266,16 @@ impl Bus {
 }
 
 impl Expected {
-    /// The errors and the data, or the errors alone if it is not the data asked for; `None` if it
-    /// is somebody else's.
-    fn judge(&self, status: Status<'_>) -> Option<Result<(Errors, [u8; MAX_DATA]), Errors>> {
-        if status.id != self.id {
-            return None;
-        }
+    /// What an intact packet means; `None` if it is somebody else's.
+    fn judge(&self, packet: &[u8], latency: Duration) -> Option<Outcome> {
+        let Packet { code, params, .. } = Packet::parse(packet).filter(|p| p.id == self.id)?;
+        let errors = Errors::from_bits(code);
         let mut data = [0; MAX_DATA];
-        if status.params.len() != self.data || self.data > MAX_DATA {
-            return Some(Err(status.errors));
+        match data.get_mut(..self.data) {
+            Some(read) if read.len() == params.len() => read.copy_from_slice(params),
+            _ => return Some(Outcome::Refused(errors)),
         }
-        for (to, from) in data.iter_mut().zip(status.params) {
-            *to = *from;
-        }
-        Some(Ok((status.errors, data)))
+        Some(Outcome::Answered(Answer { errors, data, latency }))
     }
 }
 

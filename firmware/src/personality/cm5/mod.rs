@@ -57,10 +57,10 @@ use protocol::dynamixel::{Id, Instruction};
 use super::TimedReceiver;
 use crate::settings::BridgeSettings;
 use cycle::{Cycle, Job};
-use exchange::{Bus, Outcome, Patience, count};
+use exchange::{Bus, Expected, Outcome, Patience, count};
 use pc::Pc;
 use roster::Roster;
-use search::{Search, Watch};
+use search::Search;
 
 pub use exchange::{BusCounters, MAX_REQUEST};
 pub use pc::PcCounters;
@@ -87,8 +87,8 @@ pub struct BridgeCounters {
 /// What the exchange under way is for.
 #[derive(Clone, Copy)]
 enum Purpose {
-    Search,
-    Watch,
+    /// To find servos.
+    Ping,
     Servo(Id, Stage),
     /// Goals, up to this servo.
     Goals(Id),
@@ -100,9 +100,7 @@ pub struct Bridge {
     pc: Pc,
     bus: Bus,
     roster: Roster,
-    /// Until it is over.
-    search: Option<Search>,
-    watch: Watch,
+    search: Search,
     cycle: Cycle,
     purpose: Option<Purpose>,
     /// The exchange under way is sent again after a collision.
@@ -122,8 +120,7 @@ impl Bridge {
             pc: Pc::new(settings),
             bus: Bus::new(),
             roster: Roster::new(),
-            search: Some(Search::new(settings.search_retries, now)),
-            watch: Watch::new(settings.search_retries, now),
+            search: Search::new(settings.search_retries, now),
             cycle: Cycle::new(),
             purpose: None,
             again: false,
@@ -151,7 +148,7 @@ impl Bridge {
 
     /// Whether the search at boot is still on.
     pub fn is_searching(&self) -> bool {
-        self.search.is_some()
+        !self.search.is_watch()
     }
 
     /// Whether the PC is silent for too long; before its first word, since the search was over.
@@ -204,11 +201,11 @@ impl Bridge {
     /// When [`bus_sends`](Self::bus_sends) has something to do although nothing was heard; asked
     /// after that has answered `None`.
     pub fn bus_acts_at(&self) -> Instant {
-        match (self.bus.waits_until(), &self.search) {
-            (Some(until), _) => until,
-            (None, Some(search)) => search.from(),
-            (None, None) if self.roster.is_full() => self.cycle.rests_until(),
-            (None, None) => self.cycle.rests_until().min(self.watch.due()),
+        match self.bus.waits_until() {
+            Some(until) => until,
+            None if self.is_searching() => self.search.due(),
+            None if self.roster.is_full() => self.cycle.rests_until(),
+            None => self.cycle.rests_until().min(self.search.due()),
         }
     }
 
@@ -222,45 +219,42 @@ impl Bridge {
         if self.bus.waits_until().is_some() {
             return None;
         }
-        if let Some((id, purpose, patience)) = self.whom_to_ping(now) {
-            self.purpose = Some(purpose);
-            return self.bus.ask(Instruction::Ping.encode(id, out), (id, 0), patience, now);
+        if let Some(id) = self.whom_to_ping(now) {
+            self.purpose = Some(Purpose::Ping);
+            let patience = if self.is_searching() { Patience::Unknown } else { Patience::Brief };
+            let expected = Expected { id, data: 0, patience };
+            return self.bus.send(Instruction::Ping.encode(id, out).ok()?, Some(expected), now);
         }
-        if self.search.is_some() {
+        if self.is_searching() {
             return None;
         }
         match self.cycle.next(&mut self.roster, &mut self.pc, now)? {
             Job::Servo(id) => {
                 let servo = self.roster.get_mut(id)?;
+                let (packet, expected) = servo.request(out).ok()?;
                 self.purpose = Some(Purpose::Servo(id, servo.stage()));
-                let (packet, data, patience) = servo.request(out);
-                self.bus.ask(packet, (id, data), patience, now)
+                self.bus.send(packet, Some(expected), now)
             }
             Job::Goals(block) => {
-                let (packet, last) = self.cycle.goals(block, &self.roster, out);
+                let (packet, last) = self.cycle.goals(block, &self.roster, out).ok()?;
                 self.purpose = last.map(Purpose::Goals);
-                self.bus.tell(packet, now)
+                self.bus.send(packet, None, now)
             }
         }
     }
 
-    /// The PING that is due, if any: of the search, or of the watch for newcomers.
-    fn whom_to_ping(&mut self, now: Instant) -> Option<(Id, Purpose, Patience)> {
-        if let Some(search) = &self.search {
-            if now < search.from() {
-                return None;
-            }
-            if let Some(id) = search.next() {
-                return Some((id, Purpose::Search, Patience::Unknown));
-            }
-            self.search = None;
-            self.pc.begin(now);
-        }
-        if now < self.watch.due() || self.roster.is_full() {
+    /// Who is to be sent a PING now, if anybody.
+    fn whom_to_ping(&mut self, now: Instant) -> Option<Id> {
+        if now < self.search.due() {
             return None;
         }
-        let id = self.watch.next(|id| self.roster.knows(id))?;
-        Some((id, Purpose::Watch, Patience::Brief))
+        if self.search.ends() {
+            self.pc.begin(now);
+        }
+        if self.search.is_watch() && self.roster.is_full() {
+            return None;
+        }
+        self.search.next(|id| self.roster.knows(id))
     }
 
     /// Does what the end of an exchange asks for.
@@ -273,18 +267,17 @@ impl Bridge {
         }
         let answered = matches!(outcome, Outcome::Answered(_));
         match purpose {
-            Purpose::Search => {
-                let found = self.search.as_mut().and_then(|s| s.conclude(answered, now));
-                if found.is_some_and(|id| !self.roster.add(id)) {
-                    count(&mut self.without_room, 1);
-                }
-            }
-            Purpose::Watch => {
-                let known = self.roster.len();
-                let found = self.watch.conclude(answered, known, now);
-                if found.is_some_and(|id| self.roster.add(id)) {
-                    count(&mut self.newcomers, 1);
-                    self.pc.tell_news(now);
+            Purpose::Ping => {
+                let Some(id) = self.search.conclude(answered, self.roster.len(), now) else {
+                    return;
+                };
+                match (self.roster.add(id), self.is_searching()) {
+                    (false, true) => count(&mut self.without_room, 1),
+                    (true, false) => {
+                        count(&mut self.newcomers, 1);
+                        self.pc.tell_news(now);
+                    }
+                    _ => {}
                 }
             }
             Purpose::Servo(id, asked) => {

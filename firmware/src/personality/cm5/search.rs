@@ -22,109 +22,82 @@ const WATCH_PERIOD: Duration = Duration::from_millis(4800);
 /// servo that stutters) does not fall into the next request.
 const AFTER_ANSWER: Duration = Duration::from_micros(300);
 
-/// What asking one ID has brought so far.
-#[derive(Clone, Copy)]
-struct Inquiry {
+/// The search at boot, and the watch that it becomes.
+pub struct Search {
+    is_watch: bool,
+    /// Whom to ask; behind the last one when the search is over.
     id: u8,
+    /// What asking has brought so far.
     answers: u8,
     silences: u8,
-}
-
-impl Inquiry {
-    const fn new(id: u8) -> Self {
-        Self { id, answers: 0, silences: 0 }
-    }
-
-    /// Whether there is a servo, when that is known.
-    fn conclude(&mut self, answered: bool, retries: u8) -> Option<bool> {
-        let tally = if answered { &mut self.answers } else { &mut self.silences };
-        *tally = tally.saturating_add(1);
-        match (self.answers, self.silences) {
-            (2.., _) => Some(true),
-            (_, silences) if silences > retries => Some(false),
-            _ => None,
-        }
-    }
-}
-
-/// The search at boot.
-pub struct Search {
-    inquiry: Inquiry,
-    from: Instant,
+    due: Instant,
     retries: u8,
 }
 
 impl Search {
     pub fn new(retries: u8, now: Instant) -> Self {
-        Self { inquiry: Inquiry::new(*IDS.start()), from: now, retries }
+        Self { is_watch: false, id: *IDS.start(), answers: 0, silences: 0, due: now, retries }
+    }
+
+    pub fn is_watch(&self) -> bool {
+        self.is_watch
     }
 
     /// When the next PING may go out.
-    pub fn from(&self) -> Instant {
-        self.from
-    }
-
-    /// Whom to ask next; `None` when all have been asked.
-    pub fn next(&self) -> Option<Id> {
-        Id::new(self.inquiry.id).filter(|id| IDS.contains(&id.number()))
-    }
-
-    /// Takes what came of the last PING. Answers a servo that was found.
-    pub fn conclude(&mut self, answered: bool, now: Instant) -> Option<Id> {
-        let id = self.next();
-        if answered {
-            self.from = now + AFTER_ANSWER;
-        }
-        let found = self.inquiry.conclude(answered, self.retries)?;
-        self.inquiry = Inquiry::new(self.inquiry.id.saturating_add(1));
-        id.filter(|_| found)
-    }
-}
-
-/// The watch for newcomers.
-pub struct Watch {
-    inquiry: Inquiry,
-    due: Instant,
-    retries: u8,
-}
-
-impl Watch {
-    pub fn new(retries: u8, now: Instant) -> Self {
-        Self { inquiry: Inquiry::new(*IDS.start()), due: now, retries }
-    }
-
-    /// When the next PING is due.
     pub fn due(&self) -> Instant {
         self.due
     }
 
+    /// Becomes the watch if all have been asked; `true` when it does.
+    pub fn ends(&mut self) -> bool {
+        let ends = !self.is_watch && !IDS.contains(&self.id);
+        if ends {
+            self.is_watch = true;
+            self.id = *IDS.start();
+            self.due = Instant::MIN;
+        }
+        ends
+    }
+
     /// Whom to ask: the ID in question, or the next one that is not `known`; `None` if all are.
     pub fn next(&mut self, known: impl Fn(Id) -> bool) -> Option<Id> {
-        let first = self.inquiry.id;
-        let id = (first..=*IDS.end())
-            .chain(*IDS.start()..first)
-            .filter_map(Id::new)
-            .find(|id| !known(*id))?;
-        if id.number() != first {
-            self.inquiry = Inquiry::new(id.number());
+        let mut ids = (self.id..=*IDS.end()).chain(*IDS.start()..self.id).filter_map(Id::new);
+        let id = ids.find(|id| !known(*id))?;
+        if id.number() != self.id {
+            self.go_on_with(id.number());
         }
         Some(id)
     }
 
     /// Takes what came of the last PING; `known` servos are not asked. Answers one that was found.
     ///
-    /// Silence is believed at once, unless the ID has answered before: it will be asked again.
+    /// The watch believes silence at once, unless the ID has answered before: it will be asked
+    /// again.
     pub fn conclude(&mut self, answered: bool, known: usize, now: Instant) -> Option<Id> {
-        let id = Id::new(self.inquiry.id);
-        let retries = if self.inquiry.answers > 0 { self.retries } else { 0 };
-        let Some(found) = self.inquiry.conclude(answered, retries) else {
-            return None; // asked again at once
-        };
-        let next = if self.inquiry.id < *IDS.end() { self.inquiry.id + 1 } else { *IDS.start() };
-        self.inquiry = Inquiry::new(next);
-        let unknown = IDS.len().saturating_sub(known).max(1) as u32; // 253 at the most
-        // A bus that was busy for long is not flooded afterwards.
-        self.due = (self.due + WATCH_PERIOD / unknown).max(now);
-        id.filter(|_| found)
+        let tally = if answered { &mut self.answers } else { &mut self.silences };
+        *tally = tally.saturating_add(1);
+        if answered && !self.is_watch {
+            self.due = now + AFTER_ANSWER;
+        }
+        let retries = if self.is_watch && self.answers == 0 { 0 } else { self.retries };
+        let found = self.answers >= 2;
+        if !found && self.silences <= retries {
+            return None; // asked again
+        }
+        let id = Id::new(self.id).filter(|_| found);
+        self.go_on_with(self.id.saturating_add(1));
+        if self.is_watch {
+            if !IDS.contains(&self.id) {
+                self.id = *IDS.start();
+            }
+            let unknown = IDS.len().saturating_sub(known).max(1) as u32; // 253 at the most
+            // A bus that was busy for long is not flooded afterwards.
+            self.due = (self.due + WATCH_PERIOD / unknown).max(now);
+        }
+        id
+    }
+
+    fn go_on_with(&mut self, id: u8) {
+        (self.id, self.answers, self.silences) = (id, 0, 0);
     }
 }

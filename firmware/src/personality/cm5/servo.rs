@@ -14,11 +14,13 @@
 //! is its [`Drive`], and there is one rule: **a servo is driven only by a goal that is newer than
 //! whatever made the last one unsafe**.
 
+use core::ops::Range;
+
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Feedback, Goal, Limits};
 use protocol::dynamixel::{EncodeError, Errors, Id, Instruction, Register};
 
-use super::exchange::{Answer, Outcome, Patience, count};
+use super::exchange::{Answer, Expected, Outcome, Patience, count};
 
 /// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
 /// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in
@@ -108,10 +110,8 @@ impl Setup {
     /// What must be written next of `self` to a servo that holds `held`: the first register, and
     /// how many bytes.
     fn differs_from(self, held: Self) -> Option<(Register, u8)> {
-        let [delay, c0, c1, w0, w1] = self.0;
-        let [held_delay, held_c0, held_c1, held_w0, held_w1] = held.0;
-        let (cw, ccw) = ([c0, c1] != [held_c0, held_c1], [w0, w1] != [held_w0, held_w1]);
-        match (delay != held_delay, cw, ccw) {
+        let differs = |bytes: Range<usize>| self.0.get(bytes.clone()) != held.0.get(bytes);
+        match (differs(0..1), differs(1..3), differs(3..5)) {
             (true, ..) => Some((Register::RETURN_DELAY, 1)),
             // Both at once: with one of them alone the servo might turn endlessly for a while.
             (_, true, true) => Some((Register::CW_LIMIT, 4)),
@@ -237,11 +237,8 @@ impl Servo {
 
     /// Brings the newest goal into force.
     pub(super) fn take_order(&mut self, pass_lock: bool) {
-        if let Some(mut goal) = self.ordered.take() {
-            if !pass_lock {
-                goal.lock = 0;
-            }
-            self.drive = Drive::Goal(goal);
+        if let Some(goal) = self.ordered.take() {
+            self.drive = Drive::Goal(if pass_lock { goal } else { goal.with(Register::LOCK, 0) });
         }
     }
 
@@ -269,12 +266,13 @@ impl Servo {
     /// What it is to be sent now. No goal before its limits hold, but to stop is always allowed: a
     /// servo that is not heard may hear. One that turns endlessly is stopped while it is missing,
     /// since its move has no end.
-    pub(super) fn drive(&self) -> Drive {
-        match self.drive {
-            Drive::Goal(_) if self.stage == Stage::Work => self.drive,
-            Drive::Goal(goal) if goal.torque_enable == 0 || self.turns_endlessly() => Drive::Off,
-            Drive::Goal(_) => Drive::Untouched,
-            Drive::Off | Drive::Untouched => self.drive,
+    pub(super) fn drive(&self) -> &Drive {
+        match &self.drive {
+            Drive::Goal(goal) if self.stage != Stage::Work => {
+                let stops = goal.get(Register::TORQUE_ENABLE) == 0 || self.turns_endlessly();
+                if stops { &Drive::Off } else { &Drive::Untouched }
+            }
+            drive => drive,
         }
     }
 
@@ -283,11 +281,11 @@ impl Servo {
         self.held.map_or(self.is_missing(), Setup::turns_endlessly)
     }
 
-    /// The request that is due, how many bytes answer it, and when they come.
+    /// The request that is due, and what answers it.
     pub(super) fn request<'b>(
         &self,
         out: &'b mut [u8],
-    ) -> (Result<&'b mut [u8], EncodeError>, usize, Patience) {
+    ) -> Result<(&'b mut [u8], Expected), EncodeError> {
         const TORQUE_ENABLE: u8 = Register::TORQUE_ENABLE.address;
         let read = |address, count| Instruction::Read { address, count };
         let write = |address, data| Instruction::Write { address, data };
@@ -299,12 +297,12 @@ impl Servo {
             Stage::Release => (write(TORQUE_ENABLE, &[0]), 0, Patience::Unknown),
             Stage::Confirm => (read(TORQUE_ENABLE, 1), 1, Patience::Unknown),
             Stage::Work => (
-                read(Register::PRESENT_POSITION.address, 8),
+                read(Register::PRESENT_POSITION.address, Feedback::BYTES as u8), // 8
                 Feedback::BYTES,
                 self.wanted.map_or(Patience::Unknown, |w| Patience::Known(w.return_delay())),
             ),
         };
-        (instruction.encode(self.id, out), data, patience)
+        Ok((instruction.encode(self.id, out)?, Expected { id: self.id, data, patience }))
     }
 
     fn part_of_wanted(&self, address: u8, count: u8) -> &[u8] {
@@ -342,7 +340,7 @@ impl Servo {
                     self.withdraw_goal();
                 }
                 match stage {
-                    Stage::Work => self.feedback = Some(Feedback::parse(answer.data)),
+                    Stage::Work => self.feedback = Some(Feedback(answer.data)),
                     Stage::Confirm if answer.data[0] == 0 => self.write_what_differs(now),
                     Stage::Confirm => self.stage = Stage::Release,
                     _ => self.compare(&answer, now),
