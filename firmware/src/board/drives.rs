@@ -10,13 +10,15 @@
 
 use core::mem::forget;
 
-use embassy_stm32::Peri;
 use embassy_stm32::gpio::{AfType, AnyPin, Flex, Level, Output, OutputType, Pin, Speed};
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::regs::Bsrr;
 use embassy_stm32::pac::timer::vals::Ocm;
 use embassy_stm32::pac::timer::{Tim2ch, TimAdv, TimGp16};
+use embassy_stm32::peripherals::{TIM1, TIM3, TIM8, TIM12};
+use embassy_stm32::rcc::enable_and_reset;
 use embassy_stm32::timer::{GeneralInstance4Channel, TimerChannel, TimerPin};
+use embassy_stm32::{Peri, pac};
 
 use super::boot::APB1_TIMER_HZ;
 use crate::units::{Duty, ServoPulse};
@@ -239,4 +241,25 @@ impl Drives {
             pulse.run();
         }
     }
+}
+
+/// Servos 0 to 5, on the same timers of every board.
+pub const SERVOS: &[Pulse] = &[
+    Pulse::general(pac::TIM3, 0),
+    Pulse::general(pac::TIM3, 1),
+    Pulse::general(pac::TIM3, 2),
+    Pulse::general(pac::TIM3, 3),
+    Pulse::two_channel(pac::TIM12, 0),
+    Pulse::two_channel(pac::TIM12, 1),
+];
+
+/// Enables the timers, which are the same on every board, and starts them.
+pub fn start_timers(drives: &Drives) {
+    enable_and_reset::<TIM1>();
+    enable_and_reset::<TIM8>();
+    enable_and_reset::<TIM3>();
+    enable_and_reset::<TIM12>();
+    drives.start();
+    pac::TIM1.bdtr().modify(|w| w.set_moe(true));
+    pac::TIM8.bdtr().modify(|w| w.set_moe(true));
 }

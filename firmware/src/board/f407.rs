@@ -21,9 +21,9 @@ use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::i2c::I2c;
-use embassy_stm32::interrupt::typelevel::{self, Binding, Handler};
+use embassy_stm32::interrupt::typelevel;
 use embassy_stm32::peripherals::{DMA1_CH5, DMA1_CH6, TIM1, TIM2, TIM3, TIM4, TIM8, TIM12, USART2};
-use embassy_stm32::rcc::{Hse, HseMode, enable_and_reset};
+use embassy_stm32::rcc::{Hse, HseMode};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
@@ -37,21 +37,21 @@ use super::sensing::{Bank, Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
-use super::{Board, BridgeBoard, boot, flash, line, motion, sensing, system};
-use crate::app::{BRIDGE_WATCHDOG_PERIOD, WATCHDOG_PERIOD};
+use super::{Board, boot, drives, flash, line, motion, sensing, system};
+use crate::app::WATCHDOG_PERIOD;
 use crate::settings::store::Store;
 
 /// How this board's bridges want their duty. Change it for drivers with a direction input.
 const STAGE: Stage = Stage::LockedAntiPhase;
 
 /// The crystal.
-const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
+pub(super) const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
 
 /// Whether the ROM's loader, which brings up more than USB, leaves the enable lines alone: none of
 /// its lines is on port E (AN2606).
 pub(super) const LOADER_IS_SAFE: bool = true;
 
-static DRIVES: Drives = Drives {
+pub(super) static DRIVES: Drives = Drives {
     stage: STAGE,
     enables: Lines { port: pac::GPIOE, pins: &[2, 4, 5, 6, 7, 8] },
     bridges: &[
@@ -62,23 +62,16 @@ static DRIVES: Drives = Drives {
         Pulse::advanced(pac::TIM8, 0),
         Pulse::advanced(pac::TIM8, 1),
     ],
-    servos: &[
-        Pulse::general(pac::TIM3, 0),
-        Pulse::general(pac::TIM3, 1),
-        Pulse::general(pac::TIM3, 2),
-        Pulse::general(pac::TIM3, 3),
-        Pulse::two_channel(pac::TIM12, 0),
-        Pulse::two_channel(pac::TIM12, 1),
-    ],
+    servos: drives::SERVOS,
     outputs: Lines { port: pac::GPIOD, pins: &[8, 9, 10, 11, 12, 13, 14, 15] },
 };
 
 /// The wire is PC6.
-static BUS: Bus = Bus::new(pac::USART6, Lines { port: pac::GPIOC, pins: &[8] });
+pub(super) static BUS: Bus = Bus::new(pac::USART6, Lines { port: pac::GPIOC, pins: &[8] });
 
 static ADDRESSES: Addresses = Addresses::new(Lines { port: pac::GPIOB, pins: &[10, 11, 12, 13] });
 
-bind_interrupts!(struct Irqs {
+bind_interrupts!(pub(super) struct Irqs {
     EXTI1 => exti::InterruptHandler<typelevel::EXTI1>;
     EXTI4 => exti::InterruptHandler<typelevel::EXTI4>;
     EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
@@ -93,78 +86,40 @@ pub type Motion = motion::Motion<TIM2, TIM4>;
 /// Six rangers, eight inputs.
 pub type Sensing = sensing::Sensing<6, 8>;
 
-/// Puts all outputs into their safe state, from wherever the program is.
-pub fn safe_state() {
-    DRIVES.make_safe();
-}
-
-// What both kinds of board claim alike. A macro, since a function cannot take some tokens and leave
-// the others.
-macro_rules! claim_enables {
+/// The enable lines' pins, and the outputs'. Macros, since a function cannot take some tokens and
+/// leave the others.
+macro_rules! enables {
     ($p:ident) => {
-        DRIVES.enables.claim(
-            [
-                $p.PE2.into(),
-                $p.PE4.into(),
-                $p.PE5.into(),
-                $p.PE6.into(),
-                $p.PE7.into(),
-                $p.PE8.into(),
-            ],
-            Speed::Low,
-        )
+        [$p.PE2.into(), $p.PE4.into(), $p.PE5.into(), $p.PE6.into(), $p.PE7.into(), $p.PE8.into()]
     };
 }
-macro_rules! claim_outputs {
+pub(super) use enables;
+macro_rules! outputs {
     ($p:ident) => {
-        DRIVES.outputs.claim(
-            [
-                $p.PD8.into(),
-                $p.PD9.into(),
-                $p.PD10.into(),
-                $p.PD11.into(),
-                $p.PD12.into(),
-                $p.PD13.into(),
-                $p.PD14.into(),
-                $p.PD15.into(),
-            ],
-            Speed::Low,
-        )
+        [
+            $p.PD8.into(),
+            $p.PD9.into(),
+            $p.PD10.into(),
+            $p.PD11.into(),
+            $p.PD12.into(),
+            $p.PD13.into(),
+            $p.PD14.into(),
+            $p.PD15.into(),
+        ]
     };
 }
-macro_rules! host_line {
-    ($p:ident, $baud:ident) => {
-        line::new(
-            line::Parts {
-                usart: $p.USART2,
-                registers: pac::USART2,
-                rx: $p.PA3,
-                tx: $p.PA2,
-                rx_dma: $p.DMA1_CH5,
-                tx_dma: $p.DMA1_CH6,
-            },
-            $baud,
-            Irqs,
-        )
-    };
-}
+pub(super) use outputs;
 
 /// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
 /// host's line at `baud`.
 pub fn start(baud: u32) -> Board {
     system::begin();
     let p = boot::clocks(CLOCK);
-    claim_enables!(p);
+    DRIVES.enables.claim(enables!(p), Speed::Low);
     let watchdog = Watchdog::start(p.IWDG, WATCHDOG_PERIOD);
     let reset = boot::reset_cause();
 
-    enable_and_reset::<TIM1>();
-    enable_and_reset::<TIM8>();
-    enable_and_reset::<TIM3>();
-    enable_and_reset::<TIM12>();
-    DRIVES.start();
-    pac::TIM1.bdtr().modify(|w| w.set_moe(true));
-    pac::TIM8.bdtr().modify(|w| w.set_moe(true));
+    drives::start_timers(&DRIVES);
     DRIVES.bridges[0].claim::<TIM1, Ch1>(p.PE9);
     DRIVES.bridges[1].claim::<TIM1, Ch2>(p.PE11);
     DRIVES.bridges[2].claim::<TIM1, Ch3>(p.PE13);
@@ -177,7 +132,7 @@ pub fn start(baud: u32) -> Board {
     DRIVES.servos[3].claim::<TIM3, Ch4>(p.PB1);
     DRIVES.servos[4].claim::<TIM12, Ch1>(p.PB14);
     DRIVES.servos[5].claim::<TIM12, Ch2>(p.PB15);
-    claim_outputs!(p);
+    DRIVES.outputs.claim(outputs!(p), Speed::Low);
     let motion = Motion::new(
         &DRIVES,
         Analog::new(
@@ -204,30 +159,12 @@ pub fn start(baud: u32) -> Board {
 
     let bank = Bank {
         rangers: [
-            Ranger {
-                trigger: Output::new(p.PA5, Level::Low, Speed::Low),
-                echo: ExtiInput::new(p.PA1, p.EXTI1, Pull::Down, Irqs),
-            },
-            Ranger {
-                trigger: Output::new(p.PA6, Level::Low, Speed::Low),
-                echo: ExtiInput::new(p.PA4, p.EXTI4, Pull::Down, Irqs),
-            },
-            Ranger {
-                trigger: Output::new(p.PA10, Level::Low, Speed::Low),
-                echo: ExtiInput::new(p.PC5, p.EXTI5, Pull::Down, Irqs),
-            },
-            Ranger {
-                trigger: Output::new(p.PB2, Level::Low, Speed::Low),
-                echo: ExtiInput::new(p.PA7, p.EXTI7, Pull::Down, Irqs),
-            },
-            Ranger {
-                trigger: Output::new(p.PC12, Level::Low, Speed::Low),
-                echo: ExtiInput::new(p.PA8, p.EXTI8, Pull::Down, Irqs),
-            },
-            Ranger {
-                trigger: Output::new(p.PC14, Level::Low, Speed::Low),
-                echo: ExtiInput::new(p.PC10, p.EXTI10, Pull::Down, Irqs),
-            },
+            Ranger::new(p.PA5.into(), ExtiInput::new(p.PA1, p.EXTI1, Pull::Down, Irqs)),
+            Ranger::new(p.PA6.into(), ExtiInput::new(p.PA4, p.EXTI4, Pull::Down, Irqs)),
+            Ranger::new(p.PA10.into(), ExtiInput::new(p.PC5, p.EXTI5, Pull::Down, Irqs)),
+            Ranger::new(p.PB2.into(), ExtiInput::new(p.PA7, p.EXTI7, Pull::Down, Irqs)),
+            Ranger::new(p.PC12.into(), ExtiInput::new(p.PA8, p.EXTI8, Pull::Down, Irqs)),
+            Ranger::new(p.PC14.into(), ExtiInput::new(p.PC10, p.EXTI10, Pull::Down, Irqs)),
         ],
         inputs: [
             Input::new(p.PD0, Pull::Up),
@@ -256,29 +193,4 @@ pub fn start(baud: u32) -> Board {
         store,
         reset,
     }
-}
-
-/// The servo bus's interrupt, for an image that calls [`start_bridge`].
-pub struct BusInterrupt;
-
-impl Handler<typelevel::USART6> for BusInterrupt {
-    unsafe fn on_interrupt() {
-        BUS.on_interrupt();
-    }
-}
-
-/// Starts the clocks, puts the outputs into their safe state, then starts what the CM-5's bridge
-/// takes, the PC's line at `baud`. Bridges and servos have no timer.
-pub fn start_bridge(
-    baud: u32,
-    _interrupt: impl Binding<typelevel::USART6, BusInterrupt>,
-) -> BridgeBoard {
-    let p = boot::clocks(CLOCK);
-    claim_enables!(p);
-    let watchdog = Watchdog::start(p.IWDG, BRIDGE_WATCHDOG_PERIOD);
-    boot::reset_cause();
-    claim_outputs!(p);
-    let (pc_rx, pc_tx) = host_line!(p, baud);
-    let (bus_rx, bus_tx) = BUS.start(p.USART6, p.PC6, p.PC8.into());
-    BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog }
 }

@@ -31,6 +31,8 @@
 //!
 //! 1. Copy `f446.rs`, and give it your pins, timers and streams. What the chip cannot do does not
 //!    compile; what the board has on its pins already, only its manual knows.
+//!    The host's line and the servos' timers are the same on all boards so far, and stand here and in
+//!    [`drives`]; a board with others has its own in its file.
 //! 2. Leave out what there is no pin for: the lists of [`drives::Drives`] may be shorter, and
 //!    [`sensing::Sensing`] says how many rangers and inputs there are. The servo bus of the CM-5's
 //!    image is on USART6, whose vector bin/cm5.rs binds; it may share its pins with motors.
@@ -55,15 +57,37 @@ pub mod ssd1306;
 pub mod system;
 pub mod watchdog;
 
+/// The host's line, which is on the same pins of every board.
+macro_rules! host_line {
+    ($p:ident, $baud:ident) => {
+        line::new(
+            line::Parts {
+                usart: $p.USART2,
+                registers: embassy_stm32::pac::USART2,
+                rx: $p.PA3,
+                tx: $p.PA2,
+                rx_dma: $p.DMA1_CH5,
+                tx_dma: $p.DMA1_CH6,
+            },
+            $baud,
+            Irqs,
+        )
+    };
+}
+
 #[cfg_attr(any(feature = "board-f407", feature = "qemu"), path = "f407.rs")]
 #[cfg_attr(feature = "board-f446", path = "f446.rs")]
 mod selected;
 
-pub use selected::{BusInterrupt, Motion, Sensing, safe_state, start, start_bridge};
+pub use selected::{Motion, Sensing, start};
 
+use embassy_stm32::gpio::Speed;
+use embassy_stm32::interrupt::typelevel::{Binding, Handler, USART6};
 use protocol::pms5005::extension::ResetCause;
 
+use crate::app::BRIDGE_WATCHDOG_PERIOD;
 use crate::settings::store::Store;
+use selected::{BUS, CLOCK, DRIVES, Irqs, enables, outputs};
 pub use system::stack_used;
 
 /// The parts of a board with motors, each for its task.
@@ -101,4 +125,31 @@ pub struct BridgeBoard {
     pub bus_tx: bus::Sender,
     /// For `app::bridge`.
     pub watchdog: watchdog::Watchdog,
+}
+
+/// Puts all outputs into their safe state, from wherever the program is.
+pub fn safe_state() {
+    DRIVES.make_safe();
+}
+
+/// The servo bus's interrupt, for an image that calls [`start_bridge`].
+pub struct BusInterrupt;
+
+impl Handler<USART6> for BusInterrupt {
+    unsafe fn on_interrupt() {
+        BUS.on_interrupt();
+    }
+}
+
+/// Starts the clocks, puts the outputs into their safe state, then starts what the CM-5's bridge
+/// takes, the PC's line at `baud`. Bridges and servos have no timer.
+pub fn start_bridge(baud: u32, _interrupt: impl Binding<USART6, BusInterrupt>) -> BridgeBoard {
+    let p = boot::clocks(CLOCK);
+    DRIVES.enables.claim(enables!(p), Speed::Low);
+    let watchdog = watchdog::Watchdog::start(p.IWDG, BRIDGE_WATCHDOG_PERIOD);
+    boot::reset_cause();
+    DRIVES.outputs.claim(outputs!(p), Speed::Low);
+    let (pc_rx, pc_tx) = host_line!(p, baud);
+    let (bus_rx, bus_tx) = BUS.start(p.USART6, p.PC6, p.PC8.into());
+    BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog }
 }

@@ -6,8 +6,9 @@
 use core::cell::Cell;
 
 use embassy_futures::join::join;
+use embassy_stm32::Peri;
 use embassy_stm32::exti::ExtiInput;
-use embassy_stm32::gpio::{Input, Output};
+use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Speed};
 use embassy_stm32::mode::Async;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
@@ -41,6 +42,11 @@ pub struct Ranger {
 }
 
 impl Ranger {
+    /// A ranger on these pins.
+    pub fn new(trigger: Peri<'static, AnyPin>, echo: ExtiInput<'static, Async>) -> Self {
+        Self { trigger: Output::new(trigger, Level::Low, Speed::Low), echo }
+    }
+
     /// One range in cm.
     async fn range(&mut self) -> u8 {
         self.trigger.set_high();
