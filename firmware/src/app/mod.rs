@@ -268,54 +268,20 @@ pub async fn link<M: RawMutex, S: Session>(
 ) -> ! {
     let session = RefCell::new(session);
     let something_to_send = Signal::<NoopRawMutex, ()>::new();
-    // Copied when a loop is about to wait: not on the way of an answer.
-    let publish = || channels.link.set(&session.borrow().counters());
-
-    // What the session asks of the board.
-    let carry_out = async |request| match request {
-        Request::Control(command) => {
-            let set_up = session.borrow_mut().take_set_up();
-            if let Some(set_up) = set_up {
-                channels.set_ups.send(set_up).await; // when the one before is in force
-            }
-            channels.commands.send(command).await;
-        }
-        Request::Upkeep(upkeep) => {
-            while !channels.commands.is_empty() {
-                Timer::after(CONTROL_PERIOD).await;
-            }
-            channels.hold.set(&true); // until it is done
-            let task = (upkeep, *session.borrow().to_save());
-            // There is room: the session has been told of the one before.
-            if channels.upkeep.try_send(task).is_err() {
-                channels.hold.set(&false);
-            }
-        }
-        Request::Show(picture) => {
-            // A display that hangs must not hold up the command that stops a motor.
-            if channels.pictures.try_send(picture).is_err() {
-                session.borrow_mut().picture_dropped();
-            }
-        }
-    };
-
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
             channels.answer(Task::Receive);
-            publish();
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
             // Upkeep first: a line that always has bytes must not keep it waiting. And here: whoever
             // else handed commands on, these would overtake the ones before them.
             let upkeep_done = channels.upkeep_done.wait();
             let event = select3(upkeep_done, rx.read(&mut buffer), Timer::at(until)).await;
+            let mut due = None;
             let mut bytes: &[u8] = match event {
                 Either3::First(result) => {
-                    let request = session.borrow_mut().upkeep_done(result);
-                    if let Some(request) = request {
-                        carry_out(request).await;
-                    }
+                    due = session.borrow_mut().upkeep_done(result);
                     &[]
                 }
                 Either3::Second(Ok(count)) if count > 0 => &buffer[..count],
@@ -333,17 +299,47 @@ pub async fn link<M: RawMutex, S: Session>(
             };
             loop {
                 let now = Instant::now();
-                let request = {
+                let request = due.take().or_else(|| {
                     let mut session = session.borrow_mut();
                     session.receive(&mut bytes, now).or_else(|| {
                         // A snapshot is only copied for a session that has its time.
                         session.wakes_at().filter(|&at| at <= now)?;
                         session.advance(now, &channels.snapshot.get())
                     })
-                };
+                });
                 channels.signs_of_life.set(&session.borrow().signs_of_life());
-                let Some(request) = request else { break };
-                carry_out(request).await;
+                match request {
+                    Some(Request::Control(command)) => {
+                        if matches!(command, Command::SetUp) {
+                            // There is room when the one before is in force.
+                            while !channels.set_ups.is_empty() {
+                                Timer::after(CONTROL_PERIOD).await;
+                            }
+                            if let Some(set_up) = session.borrow_mut().take_set_up() {
+                                let _ = channels.set_ups.try_send(set_up);
+                            }
+                        }
+                        channels.commands.send(command).await;
+                    }
+                    Some(Request::Upkeep(upkeep)) => {
+                        while !channels.commands.is_empty() {
+                            Timer::after(CONTROL_PERIOD).await;
+                        }
+                        channels.hold.set(&true); // until it is done
+                        let task = (upkeep, *session.borrow().to_save());
+                        // There is room: the session has been told of the one before.
+                        if channels.upkeep.try_send(task).is_err() {
+                            channels.hold.set(&false);
+                        }
+                    }
+                    Some(Request::Show(picture)) => {
+                        // A display that hangs must not hold up the command that stops a motor.
+                        if channels.pictures.try_send(picture).is_err() {
+                            session.borrow_mut().picture_dropped();
+                        }
+                    }
+                    None => break,
+                }
             }
             something_to_send.signal(());
             // On a line without a speed limit the answers would else wait for a pause.
@@ -355,6 +351,7 @@ pub async fn link<M: RawMutex, S: Session>(
         let mut buffer = [0; MAX_FRAME];
         loop {
             channels.answer(Task::Transmit);
+            channels.link.set(&session.borrow().counters());
             let snapshot = || channels.snapshot.get();
             let frame = session.borrow_mut().transmit(Instant::now(), snapshot, &mut buffer);
             match frame {
@@ -365,7 +362,6 @@ pub async fn link<M: RawMutex, S: Session>(
                     }
                 }
                 None => {
-                    publish();
                     let check_in_at = Instant::now() + CHECK_IN_PERIOD;
                     let at = session.borrow().sends_at().min(check_in_at);
                     select(something_to_send.wait(), Timer::at(at)).await;

@@ -292,7 +292,7 @@ impl ErrorType for Sender {
 impl Write for Sender {
     async fn write(&mut self, frame: &[u8]) -> Result<usize, Infallible> {
         let lasts = frame.len() as u32 * BYTE;
-        if frame == ACK {
+        if frame.len() == ACK.len() && (frame[4], frame[6]) == (ACK[4], ACK[6]) {
             ACK_LEFT.store(ticks().wrapping_add(lasts), Relaxed);
             ACKNOWLEDGED.fetch_add(1, Relaxed);
         }

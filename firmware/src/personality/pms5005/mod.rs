@@ -145,8 +145,10 @@ impl Session for Pms5005 {
     }
 
     fn wakes_at(&self) -> Option<Instant> {
-        let looks_at = self.answers.extension.looks_at();
-        self.receiver.gives_up_at().into_iter().chain(looks_at).min()
+        match (self.receiver.gives_up_at(), self.answers.extension.looks_at()) {
+            (Some(one), Some(other)) => Some(one.min(other)),
+            (one, other) => one.or(other),
+        }
     }
 
     fn transmit<'b>(
