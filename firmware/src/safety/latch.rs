@@ -19,9 +19,9 @@
 //! | clear | `apply`: [`ClearFaults`](crate::command::Command::ClearFaults) clears all. A resume (DID 30), which hosts of old know, clears before it resumes, and only what stops: of one channel that channel's, of all also the board's |
 //!
 //! An old host knows no resume, but stops (suspend, neutral PWM, velocity 0), and those clear too
-//! ([`Faults::stopped`]): of a channel its own faults, [`REARMS_AFTER_MS`] or more after it has tripped
-//! and with its current in bounds; of all channels the board's, once their cause has gone. A channel that
-//! has tripped [`TRIPS`] times in [`TRIPS_WITHIN_MS`] waits for a resume, the extension, or a restart.
+//! ([`Faults::stopped`]): of a channel its own faults, a second or more after it has tripped and with
+//! its current in bounds; of all channels the board's, once their cause has gone. A channel that has
+//! tripped three times in a minute waits for a resume, the extension, or a restart.
 //!
 //! Clearing moves nothing: a channel is then off, and only a motion command moves it. What the
 //! board suffers from still stays latched; the cause of a channel's fault trips again after its time,
