@@ -9,7 +9,7 @@
 //! - The frames found do not depend on how the stream was cut into chunks.
 //! - Every byte is accounted for: it was part of a frame, was skipped and counted, or is pending.
 //! - What follows a frame is left to the caller, unless a rejected candidate reached beyond it.
-//! - A candidate is judged as a whole once.
+//! - A candidate's checksum is computed once, when it is complete.
 //!
 //! A candidate that noise has made (`5E 02` with a large length, say) holds up what follows until
 //! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
@@ -17,7 +17,7 @@
 
 use core::marker::PhantomData;
 
-/// What the receiver must know of a format. All that we speak begin with two fixed bytes and
+/// What the receiver must know of a format. All formats here begin with two fixed bytes and
 /// carry their length in a header.
 pub trait Framing {
     /// The two bytes that begin every frame.
@@ -49,8 +49,9 @@ pub struct Deframer<F, const N: usize> {
     /// bytes.
     buffer: [u8; N],
     held: usize,
+    /// Length of that frame; 0 when none was returned.
     returned: usize,
-    /// Of the candidate at the front, once its header is there; else 0.
+    /// Length of the candidate at the front; 0 until its header is there.
     length: usize,
     reception: Reception,
     framing: PhantomData<F>,

@@ -351,8 +351,16 @@ fn a_boards_latch_is_cleared_when_its_cause_has_gone_and_every_channel_is_stoppe
     bench.send(run(last, false));
     bench.run_alive_ms(50);
     assert!(is_latched(&bench), "it is too hot again");
+    // Nor does a setting that has nothing to do with it make the board forget that it is.
+    bench.send_raw(7, &settings(3, 8000));
+    all_six(&mut bench, Quantity::Pwm, 16_384);
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench));
     bench.board.plant.borrow_mut().overrides.overheat[0] = None;
     bench.run_alive_ms(50);
+    bench.send(run(last, false));
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench), "the others were stopped while it was too hot");
     all_six(&mut bench, Quantity::Pwm, 16_384);
     bench.run_alive_ms(50);
     assert!(!is_latched(&bench));

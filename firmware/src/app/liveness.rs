@@ -1,8 +1,8 @@
-//! One rule of liveness: one loop feeds the watchdog, and only while every other task answers.
+//! One rule of liveness: one loop feeds the watchdog, and no longer than all tasks answer.
 //!
 //! A task *answers* when it comes round; one that waits comes round every [`CHECK_IN_PERIOD`]. The
-//! *feeder* checks, drives and feeds. A task that has been silent for too long has *hung*: the feeder
-//! switches the outputs off, feeds no more, and never trusts it again.
+//! *feeder* is the loop that checks, drives and feeds. A task that is silent for too long has *hung*:
+//! from then on the feeder keeps the outputs off and feeds no more, whatever comes.
 //!
 //! | | controller | CM-5 |
 //! |---|---|---|
@@ -12,10 +12,11 @@
 //!
 //! The spread is that of the STM32F4's LSI, 17 to 47 kHz (data sheet). So a controller's outputs are
 //! off within 91 ms if a task hangs, and within 100 ms if control does, wherever it hangs: in a
-//! critical section, an interrupt handler, a log. And control may be late by 35 ms without a bite.
+//! critical section, an interrupt handler, a log. Control that is late by less than 35 ms is safe from
+//! a bite on any chip.
 //!
-//! Before every task has answered once nothing may be driven. Then, and while commands are held back
-//! for upkeep, silence is excused, for a second.
+//! Until every task has answered once the feeder feeds but drives nothing. While commands are held
+//! back for upkeep it feeds and drives as before. Neither may last longer than a second.
 
 use core::cell::Cell;
 
@@ -26,13 +27,13 @@ use embassy_time::Duration;
 /// A task that waits for something answers at least this often while it waits. Work between two
 /// waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
 pub(super) const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
-/// A check-in period and the longest turn of work, a ranger's; the longest frame at 9600 baud takes
-/// 87.5 ms.
+/// The longest that a task works between two answers is the longest frame at 9600 baud, 87.5 ms.
 pub(super) const LONGEST_SILENCE: Duration = Duration::from_millis(90);
-/// The longest report, of 100 servos at 57,600 baud, takes 140 ms, and then a check-in period.
+/// The longest report, of 100 servos at 57,600 baud, takes 140 ms; with a check-in period 190.
 pub(super) const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
-/// Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash), the
-/// farewell before a restart 100 ms. embassy's clock stands still while a sector is erased.
+/// How long a start or an upkeep may take, in the feeder's time, which stands still while a sector is
+/// erased. Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash),
+/// the farewell before a restart 100 ms.
 const LONGEST_EXCUSE_MS: u16 = 1000;
 
 /// What the controller's watchdog bears without food, by the nominal LSI of 32 kHz: 205 counts of 8
@@ -40,7 +41,7 @@ const LONGEST_EXCUSE_MS: u16 = 1000;
 pub const WATCHDOG_PERIOD: Duration = Duration::from_micros(51_250);
 /// What the CM-5's bears: 1000 counts.
 pub const BRIDGE_WATCHDOG_PERIOD: Duration = Duration::from_millis(250);
-/// What either bears from the start until it is fed first, and after
+/// What both bear between their start and the first food, and after
 /// [`before_erase`](crate::ports::SystemPort::before_erase), with nothing driven: 4096 counts, the
 /// most there are, 697 ms at 47 kHz. Erasing a sector of 16 KiB stalls the core of an STM32F4 for 500
 /// ms at the most.
@@ -53,7 +54,7 @@ pub(super) enum Liveness {
     Starting,
     /// Drive and feed.
     Alive,
-    /// Neither.
+    /// Drive nothing and feed no more.
     Hung,
 }
 

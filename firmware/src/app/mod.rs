@@ -49,8 +49,8 @@ pub use liveness::{BRIDGE_WATCHDOG_PERIOD, ERASE_PERIOD, WATCHDOG_PERIOD};
 use liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
-/// 115200 baud, so a period brings two at most; parameters of all channels bring seven in 2.3 ms, new
-/// settings six in 1.4 ms. A full queue makes the link wait, and the line's buffer bears that.
+/// 115200 baud, so a period brings two at most. A full queue makes the link wait, and the line's buffer
+/// bears that.
 pub const COMMANDS: usize = 4;
 /// Pictures that may wait for the display. They come every 6.4 ms at 115200 baud at the most; one
 /// that finds no room is dropped and counted.

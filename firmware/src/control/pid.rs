@@ -9,9 +9,9 @@
 //! limited to the allowed drive (full drive is 1). It promises:
 //! - No derivative kick: `rate` is how fast the measurement itself changes, so a jump of the
 //!   set-point does not appear in it.
-//! - Anti-windup: while a limit holds the drive back, the integral takes no part that would drive
-//!   deeper into the limit (conditional integration), and does not exceed that limit itself. It
-//!   never exceeds full drive.
+//! - Anti-windup: while a limit holds the drive back, the integral does not grow deeper into the
+//!   limit (conditional integration), and does not exceed that limit itself. It never exceeds full
+//!   drive.
 //! - No overflow, whatever the gains and the error are.
 //! - Each term is rounded once, down, to the last bit of a [`Duty`](crate::units::Duty).
 //!
@@ -161,8 +161,9 @@ impl Pid {
         feed_forward: Drive,
         limits: &Limits,
     ) -> Drive {
-        // Nothing wraps: a drive holds 2^17 times full drive. With the largest gains and inputs the
-        // proportional term is 2^15 times, the derivative 2^16, the growth of the integral 2^8.
+        // Nothing can wrap, so the additions need no check: a drive holds 2^17 times full drive. With
+        // the largest gains and inputs feed-forward is 2^14 times, the proportional term 2^15, the
+        // derivative 2^16, the growth of the integral 2^8: less than 2^17 together.
         let proportional = Drive::lossy_from(gains.kp.wide_mul(error.0));
         let derivative = Drive::lossy_from(gains.minus_kd.wide_mul(rate));
         let others = feed_forward.wrapping_add(proportional).wrapping_add(derivative);

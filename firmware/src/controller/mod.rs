@@ -90,7 +90,8 @@ impl Controller {
 
     /// One control period.
     ///
-    /// `set_up` takes what waits for a [`Command::SetUp`]. `signs_of_life` is a count that changes with every sign of life of the host. Commands that do not fit the channels' sensors or methods are
+    /// `set_up` takes what waits for a [`Command::SetUp`]. `signs_of_life` is a count that changes with
+    /// every sign of life of the host. Commands that do not fit the channels' sensors or methods are
     /// refused whole and counted.
     pub fn step(
         &mut self,
@@ -292,8 +293,10 @@ impl Controller {
                 self.guard.enabled = collision_protection.unwrap_or(self.guard.enabled);
             }
             SetUp::Settings(settings) => {
+                if settings.board_faults != self.settings.board_faults {
+                    self.board.forget_looks();
+                }
                 self.settings = *settings;
-                self.board.forget_looks();
                 for axis in &mut self.axes {
                     axis.set_full_speed(self.settings.full_speed(axis.sensor()));
                 }

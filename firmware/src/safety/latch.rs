@@ -186,7 +186,10 @@ impl Faults {
             self.forget(|record| record.channel == Some(channel));
             self.latched.channels[channel.index()] = 0;
         }
-        if has_stood(self.board_tripped) {
+        // What was stopped while the board still suffered must be stopped again.
+        if Fault::ALL.iter().any(|&fault| self.latched.has(fault, None) && lasts(fault)) {
+            self.stopped = 0;
+        } else if has_stood(self.board_tripped) {
             self.stopped |= 1 << channel.index();
         }
         if self.stopped == ALL_STOPPED {

@@ -1,4 +1,4 @@
-//! Notices that the host has fallen silent.
+//! The host's silence.
 
 /// Notices that the host has fallen silent.
 ///
