@@ -132,7 +132,8 @@ impl Gdb {
     }
 }
 
-/// The address of the one function or variable whose mangled name contains `name`.
+/// The address of the function or variable of this name, else of the one whose mangled name contains
+/// it.
 pub fn symbol(elf: &Path, name: &str) -> u32 {
     let elf = std::fs::read(elf).unwrap();
     let half = |at: usize| usize::from(u16::from_le_bytes([elf[at], elf[at + 1]]));
@@ -143,11 +144,16 @@ pub fn symbol(elf: &Path, name: &str) -> u32 {
     let symbols = (0..half(0x30)).map(section).find(|&s| word(s + 4) == 2).expect("symbols");
     let names = at(section(at(symbols + 24)) + 16);
     let table = at(symbols + 16);
-    let mut found = (table..table + at(symbols + 20)).step_by(16).filter(|&symbol| {
+    let text = |symbol: usize| {
         let begin = names + at(symbol);
         let text: Vec<u8> = elf[begin..].iter().copied().take_while(|&byte| byte != 0).collect();
-        matches!(elf[symbol + 12] & 0xF, 1 | 2) && String::from_utf8_lossy(&text).contains(name)
-    });
-    let symbol = found.next().unwrap_or_else(|| panic!("no {name}"));
+        String::from_utf8_lossy(&text).into_owned()
+    };
+    let found: Vec<usize> = (table..table + at(symbols + 20))
+        .step_by(16)
+        .filter(|&symbol| matches!(elf[symbol + 12] & 0xF, 1 | 2) && text(symbol).contains(name))
+        .collect();
+    let exact = found.iter().find(|&&symbol| text(symbol) == name);
+    let symbol = *exact.or(found.first()).unwrap_or_else(|| panic!("no {name}"));
     word(symbol + 4) & !1 // without the Thumb bit
 }

@@ -227,7 +227,7 @@ impl Machine {
     }
 
     /// The load or store before which the machine stands: Thumb LDR and STR with an immediate
-    /// offset, 16 and 32 bits, and with a register's; STM of one register (ARMv7-M ARM A7.7).
+    /// offset and with a register's, 16 and 32 bits; STM of one register (ARMv7-M ARM A7.7).
     fn access(&mut self) -> Access {
         let pc = self.gdb.register(PC);
         let words = [pc & !3, (pc & !3) + 4].map(|address| u64::from(self.gdb.word(address)));
@@ -245,6 +245,10 @@ impl Machine {
             let base = self.gdb.register(register(first >> 3 & 7));
             let offset = self.gdb.register(register(first >> 6 & 7));
             (register(first & 7), base.wrapping_add(offset), 2)
+        } else if matches!(first & 0xFFF0, 0xF850 | 0xF840) && second & 0x0FC0 == 0 {
+            let base = self.gdb.register(register(first));
+            let offset = self.gdb.register(register(second)) << (second >> 4 & 3);
+            (register(second >> 12), base.wrapping_add(offset), 4)
         } else if first & 0xF800 == 0xC000 && (first & 0xFF).is_power_of_two() {
             let number = (first & 0xFF).trailing_zeros();
             (register(number), self.gdb.register(register(first >> 8 & 7)), 2)
