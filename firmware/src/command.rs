@@ -14,6 +14,8 @@ use crate::settings::{ControlSettings, KiReading};
 pub const ENCODERS: usize = 2;
 
 /// What a personality asks of the controller. A command takes effect whole, in one control period.
+/// Aligned, and so copied word by word: interrupts are off meanwhile, and control waits.
+#[repr(align(4))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
@@ -54,7 +56,6 @@ pub enum Command {
     Record(Fault),
 }
 
-// While one is copied into the queue or out of it interrupts are off, and control waits.
 const _: () = assert!(size_of::<Command>() <= 36);
 
 /// What is too large to be queued with the commands. One at a time waits beside them, and
