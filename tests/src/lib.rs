@@ -1,6 +1,7 @@
 //! Hosts of virtual boards, for the tests beside it: [`host`] is what all have in common,
 //! [`timeline`] what is seen when; [`Bench`], [`arm::Arm`] and [`cm5::Bench`] speak a personality's
-//! words, and [`extension`] those that the first two share.
+//! words, and [`extension`] those that the first two share. [`foreign`] is a motor and a PID that the
+//! controller was not written beside.
 //!
 //! - `tests/conformance/`: the manual, example by example and table by table;
 //! - `tests/reception/`: properties of the receiver and of every codec;
@@ -23,6 +24,7 @@
 pub mod arm;
 pub mod cm5;
 pub mod extension;
+pub mod foreign;
 pub mod host;
 pub mod pms5005;
 pub mod timeline;
