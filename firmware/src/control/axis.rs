@@ -19,21 +19,27 @@
 use fixed::{FixedI32, types::extra::U24};
 use protocol::pms5005::{Loop, Method, Polarity, Sensor};
 
+use super::lead::{Following, Lead, Step};
 use super::pid::{Error, Gains, HostGains, Limits, Pid};
-use super::ring::Scale;
 use super::saturate;
-use super::trajectory::Ramp;
+use super::track::Track;
+use super::trajectory::{Course, Profile, Ramp};
 use crate::ports::MotorOutput;
-use crate::units::{Counts, CountsPerSecond, Drive, Duty};
+use crate::settings::{ChannelSettings, ControlSettings, SoftLimits};
+use crate::units::{Counts, CountsPerSecond, Drive, Duty, PERIODS_PER_SECOND};
 
 /// Periods in which a stop by link loss brings the set-point to rest, and after which the bridge
 /// is switched off (a stop of category 1 in the sense of IEC 60204-1).
-const STOP_RAMP: u16 = 60;
+const STOP_RAMP: u16 = 50;
 const STOP_OFF: u16 = 95;
 
 /// When the host falls silent a position loop holds what is within so many counts of the shaft:
 /// more than a loaded joint sags, less than a way worth speaking of.
 const HOLD_BAND: Counts = Counts::const_from_int(128);
+
+/// What a motor makes at full drive if no setting says so: the settings' defaults.
+const DEFAULT_SPEED_ENCODER: i32 = 16_384;
+const DEFAULT_SPEED_POTENTIOMETER: i32 = 4096;
 
 /// Periods in which the drive crosses over from one loop to another: 64 ms.
 pub const HANDOVER: u8 = 1 << HANDOVER_SHIFT;
@@ -109,16 +115,24 @@ pub struct Axis {
 
     position: Tuning,
     velocity: Tuning,
-    /// Drive a count per second, in parts of full drive.
+    /// Counts per second at full drive, and the drive of one of them, in parts of full drive.
+    full_speed: i32,
     feed_forward: FixedI32<U24>,
+    settings: ChannelSettings,
+    soft_limits: SoftLimits,
+    track: Track,
+    /// How old a motion command may get, 0 for ever, and how old the last one is.
+    oldest: u16,
+    age: u16,
 
     /// In the units of a goal of `method`.
     set_point: i32,
     /// `None` when there is nowhere to go but to stay.
     goal: Option<Goal>,
-    ramp: Ramp,
+    course: Course,
+    lead: Lead,
     pid: Pid,
-    last_velocity: CountsPerSecond,
+    last: Reading,
     /// Logical drive of the last period.
     drive: Drive,
     /// The drive that the channel crosses over from, and the periods that are left to do so.
@@ -141,12 +155,19 @@ impl Axis {
             polarity: Polarity::Positive,
             position: Tuning::new(Loop::Position, HostGains::DEFAULT),
             velocity: Tuning::new(Loop::Velocity, HostGains::DEFAULT),
+            full_speed: 0,
             feed_forward: FixedI32::ZERO,
+            settings: ChannelSettings::NONE,
+            soft_limits: SoftLimits::NONE,
+            track: Track::new(Sensor::SinglePotentiometer, &SoftLimits::NONE),
+            oldest: 0,
+            age: 0,
             set_point: 0,
             goal: None,
-            ramp: Ramp::NONE,
+            course: Course::NONE,
+            lead: Lead::default(),
             pid: Pid::new(),
-            last_velocity: CountsPerSecond::ZERO,
+            last: Reading { position: Counts::ZERO, velocity: CountsPerSecond::ZERO },
             drive: Drive::ZERO,
             old_drive: Drive::ZERO,
             handover: 0,
@@ -173,7 +194,7 @@ impl Axis {
         let set_point = Counts::from_bits(self.set_point);
         match self.method {
             Method::Pwm => Counts::ZERO,
-            Method::Position => scale(self.sensor).difference(set_point, now.position),
+            Method::Position => self.track.way(set_point, now.position),
             Method::Velocity => set_point.saturating_sub(now.velocity),
         }
     }
@@ -206,6 +227,7 @@ impl Axis {
     /// the target, in the method's unit, in so many periods.
     pub fn go(&mut self, method: Method, target: i16, periods: u16, now: Reading) {
         self.is_stop = is_stop(method, target);
+        self.age = 0;
         self.link_lost = false;
         self.is_orphaned = false;
         if self.state != State::Running || self.method != method {
@@ -213,11 +235,7 @@ impl Axis {
         }
         let value = match method {
             Method::Pwm => target.into(),
-            // The full turn of two potentiometers is the same place as 0.
-            Method::Position => match scale(self.sensor) {
-                Scale::Circle(turn) if i32::from(target) == i32::from(turn) => 0,
-                _ => Counts::from(target).to_bits(),
-            },
+            Method::Position => self.track.target(self.soft_limits.clamp(target)).to_bits(),
             Method::Velocity => CountsPerSecond::from(target).to_bits(),
         };
         self.head_for(Goal { method, value }, periods, now);
@@ -246,7 +264,7 @@ impl Axis {
     /// none.
     pub fn resume(&mut self, now: Reading) {
         if self.state == State::Paused {
-            let (goal, left) = (self.goal, self.ramp.left());
+            let (goal, left) = (self.goal, self.course.left());
             self.engage(self.chosen_method.unwrap_or(self.method), now);
             if let Some(goal) = goal {
                 self.head_for(goal, left, now);
@@ -261,11 +279,13 @@ impl Axis {
     pub fn link_lost(&mut self, now: Reading) {
         match (self.state, self.method) {
             (State::Running, Method::Pwm | Method::Velocity) => {
-                self.ramp = Ramp::new(self.set_point.saturating_neg(), STOP_RAMP);
+                self.course = Course::Ramp(Ramp::new(self.set_point.saturating_neg(), STOP_RAMP));
                 self.state = State::Stopping(STOP_OFF);
                 self.link_lost = true;
             }
-            (State::Running, Method::Position) if self.ramp.left() > 0 => self.is_orphaned = true,
+            (State::Running, Method::Position) if self.course.left() > 0 => {
+                self.is_orphaned = true;
+            }
             (State::Running, Method::Position) => self.hold(now),
             (State::Paused, _) => self.stopped(),
             (State::Off | State::Stopping(_), _) => {}
@@ -283,11 +303,10 @@ impl Axis {
 
     /// A position loop breaks off its move and holds within the band around the shaft.
     fn hold(&mut self, now: Reading) {
-        let scale = scale(self.sensor);
-        let ahead = scale.difference(Counts::from_bits(self.set_point), now.position);
+        let ahead = self.track.way(Counts::from_bits(self.set_point), now.position);
         let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
-        self.set_point = scale.advance(now.position, held).to_bits();
-        self.ramp = Ramp::NONE;
+        self.set_point = self.track.advance(now.position, held).to_bits();
+        self.course = Course::NONE;
         self.is_orphaned = false;
     }
 
@@ -310,7 +329,8 @@ impl Axis {
         self.sensor_chosen |= chosen;
         if sensor != self.sensor {
             self.sensor = sensor;
-            self.last_velocity = now.velocity;
+            self.track = Track::new(sensor, &self.soft_limits);
+            self.last = now;
             if self.method != Method::Pwm {
                 self.start_over(self.method, now);
             }
@@ -324,7 +344,7 @@ impl Axis {
             // The bridge's drive is what crosses over, and that is the other way round now.
             self.drive = self.drive.saturating_neg();
             self.old_drive = self.old_drive.saturating_neg();
-            let (goal, left) = (self.goal, self.ramp.left());
+            let (goal, left) = (self.goal, self.course.left());
             if self.method != Method::Pwm {
                 self.start_over(self.method, now);
             }
@@ -336,9 +356,21 @@ impl Axis {
         }
     }
 
-    /// Sub-commands 07 and 08.
+    /// Sub-commands 07 and 08. What an integral has gathered goes with its gain, over
+    /// [`HANDOVER`] periods.
     pub fn set_gains(&mut self, control_loop: Loop, gains: HostGains) {
-        *self.tuning(control_loop) = Tuning::new(control_loop, gains);
+        let tuning = Tuning::new(control_loop, gains);
+        *self.tuning(control_loop) = tuning;
+        let is_in_use = match self.method {
+            Method::Pwm => false,
+            Method::Position => control_loop == Loop::Position,
+            Method::Velocity => control_loop == Loop::Velocity,
+        };
+        if is_in_use && !tuning.gains.has_integral() && self.pid != Pid::new() {
+            self.pid = Pid::new();
+            self.old_drive = self.drive;
+            self.handover = HANDOVER;
+        }
     }
 
     /// The gains in use, as the host numbers them.
@@ -353,11 +385,16 @@ impl Axis {
         }
     }
 
-    /// Tells the channel how many counts per second its motor makes at full drive.
-    pub fn set_full_speed(&mut self, counts_per_second: u32) {
-        self.feed_forward = FixedI32::<U24>::ONE
-            .checked_div_int(i32::try_from(counts_per_second).unwrap_or(i32::MAX))
-            .unwrap_or(FixedI32::ZERO);
+    /// Goes by these settings from now on, as the channel of this index.
+    pub fn adopt(&mut self, settings: &ControlSettings, index: usize) {
+        let full_speed = settings.full_speed(self.sensor);
+        self.full_speed = i32::try_from(full_speed).unwrap_or(i32::MAX);
+        self.feed_forward =
+            FixedI32::<U24>::ONE.checked_div_int(self.full_speed).unwrap_or(FixedI32::ZERO);
+        self.settings = settings.channels.get(index).copied().unwrap_or(ChannelSettings::NONE);
+        self.soft_limits = settings.soft_limits.get(index).copied().unwrap_or(SoftLimits::NONE);
+        self.track = Track::new(self.sensor, &self.soft_limits);
+        self.oldest = settings.oldest_command;
     }
 
     /// One period: what the bridge is to do. `limits` bound the logical drive.
@@ -365,37 +402,95 @@ impl Axis {
         match self.state {
             State::Stopping(0) => self.stopped(),
             State::Stopping(left) => self.state = State::Stopping(left.saturating_sub(1)),
+            State::Running if self.oldest > 0 && !self.is_stop => {
+                self.age = self.age.saturating_add(1);
+                if self.age > self.oldest {
+                    self.link_lost(now);
+                }
+            }
             State::Off | State::Running | State::Paused => {}
         }
-        let rate = now.velocity.saturating_sub(self.last_velocity);
-        self.last_velocity = now.velocity;
+        let last = core::mem::replace(&mut self.last, now);
         if !matches!(self.state, State::Running | State::Stopping(_)) {
             self.drive = Drive::ZERO;
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
-        if self.is_orphaned && (self.ramp.left() == 0 || self.is_held_back(limits)) {
+        let limits = &self.narrowed(now, limits);
+        let held_back = self.is_held_back(limits);
+        if self.is_orphaned && (self.course.left() == 0 || held_back) {
             self.hold(now);
         }
-        let slope = CountsPerSecond::from_bits(self.ramp.slope());
-        self.move_set_point();
+        let slope = CountsPerSecond::from_bits(self.course.slope());
         let own = match self.method {
-            Method::Pwm => self.to_logical(Drive::from_bits(self.set_point)),
-            Method::Position => self.position_loop(now, slope, limits),
-            Method::Velocity => self.velocity_loop(now, rate, limits),
+            Method::Pwm => {
+                self.move_set_point();
+                self.to_logical(Drive::from_bits(self.set_point))
+            }
+            Method::Position => {
+                let moved = self.track.moved(now.position, last.position);
+                self.lead_shaft(now, moved, slope, held_back);
+                self.position_loop(now, slope, limits)
+            }
+            Method::Velocity => {
+                self.move_set_point();
+                let rate = now.velocity.saturating_sub(last.velocity);
+                self.velocity_loop(now, rate, limits)
+            }
         };
-        self.drive = limits.apply(self.cross_over(own));
+        self.pid.hold_within(self.settings.integral_share);
+        let own = self.cross_over(own);
+        self.drive = limits.apply(self.slewed(own));
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
-    /// Whether the limits forbid full drive the way that the set-point moves.
+    /// The limits, less what the channel's own settings forbid.
+    fn narrowed(&self, now: Reading, limits: &Limits) -> Limits {
+        let most = Drive::from_bits(self.settings.highest_duty.into());
+        let mut limits =
+            Limits { low: limits.low.max(most.saturating_neg()), high: limits.high.min(most) };
+        let full_speed = match (self.full_speed, self.sensor) {
+            (0, Sensor::Encoder) => DEFAULT_SPEED_ENCODER,
+            (0, _) => DEFAULT_SPEED_POTENTIOMETER,
+            (known, _) => known,
+        };
+        self.track.hold_within(now, full_speed, &mut limits);
+        limits
+    }
+
+    /// Whether limits keep the drive from going on the way that the set-point moves.
     fn is_held_back(&self, limits: &Limits) -> bool {
-        let slope = self.ramp.slope();
-        (slope > 0 && limits.high < Limits::FULL.high)
-            || (slope < 0 && limits.low > Limits::FULL.low)
+        let slope = self.course.slope();
+        (slope > 0 && limits.high < Limits::FULL.high && self.drive >= limits.high)
+            || (slope < 0 && limits.low > Limits::FULL.low && self.drive <= limits.low)
+    }
+
+    /// Moves the set-point of a position loop on, unless it would run away from its shaft.
+    fn lead_shaft(&mut self, now: Reading, moved: Counts, slope: CountsPerSecond, held_back: bool) {
+        if slope == 0 {
+            return self.move_set_point();
+        }
+        let along = |way: Counts| if slope < 0 { way.saturating_neg() } else { way };
+        let following = Following {
+            ahead: along(self.track.way(Counts::from_bits(self.set_point), now.position)),
+            moved: along(moved),
+            velocity: along(now.velocity),
+            rate: along(slope),
+            sensor: self.sensor,
+        };
+        match self.lead.step(&following, held_back) {
+            Step::Go => self.move_set_point(),
+            Step::Wait => {}
+            Step::Back(by) => {
+                let back = along(by).saturating_neg();
+                let set_point = self.track.advance(Counts::from_bits(self.set_point), back);
+                self.set_point = set_point.to_bits();
+                self.course.lengthen(along(by).to_bits());
+            }
+        }
     }
 
     fn position_loop(&mut self, now: Reading, slope: CountsPerSecond, limits: &Limits) -> Drive {
-        let error = scale(self.sensor).difference(Counts::from_bits(self.set_point), now.position);
+        let error = self.track.way(Counts::from_bits(self.set_point), now.position);
         // On a ramp the shaft is meant to move: only what differs from the slope is damped.
         let rate = now.velocity.saturating_sub(slope);
         let error = Error::of_position(error);
@@ -404,9 +499,10 @@ impl Axis {
 
     fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> Drive {
         let set_point = CountsPerSecond::from_bits(self.set_point);
-        let error = set_point.saturating_sub(now.velocity);
-        let error = Error::of_velocity(error);
-        self.pid.step(&self.velocity.gains, error, rate, self.forward(set_point), limits)
+        let error = Error::of_velocity(set_point.saturating_sub(now.velocity));
+        // Half of it: the motor may be faster than the setting says, and the loop adds what is missing.
+        let forward = self.forward(set_point).wrapping_shr(1);
+        self.pid.step(&self.velocity.gains, error, rate, forward, limits)
     }
 
     /// The drive that makes this velocity, as far as is known.
@@ -425,6 +521,17 @@ impl Axis {
         let apart = self.old_drive.saturating_sub(own).saturating_mul_int(self.handover.into());
         self.handover = self.handover.saturating_sub(1);
         own.saturating_add(apart.wrapping_shr(HANDOVER_SHIFT))
+    }
+
+    /// The drive, if it does not get larger faster than the slew limit allows. What stops is not slewed.
+    fn slewed(&self, drive: Drive) -> Drive {
+        if self.settings.slew_ms == 0 || self.is_stop {
+            return drive;
+        }
+        let step = Drive::ONE.wrapping_div_int(i32::from(self.settings.slew_ms)).max(Drive::DELTA);
+        let low = self.drive.min(Drive::ZERO).saturating_sub(step);
+        let high = self.drive.max(Drive::ZERO).saturating_add(step);
+        drive.clamp(low, high)
     }
 
     /// Starts a method from where shaft and drive are, staying there.
@@ -460,23 +567,49 @@ impl Axis {
         if goal.method != self.method {
             return;
         }
+        let from = Counts::from_bits(self.set_point);
         let way = if self.method == Method::Position {
-            let scale = scale(self.sensor);
-            let from_shaft =
-                |bits| scale.difference(Counts::from_bits(bits), now.position).to_bits();
-            from_shaft(goal.value).saturating_sub(from_shaft(self.set_point))
+            let from_shaft = |position| self.track.way(position, now.position);
+            let ahead = from_shaft(from);
+            let way = from_shaft(Counts::from_bits(goal.value)).saturating_sub(ahead);
+            self.lead = Lead::new(if way < 0 { ahead.saturating_neg() } else { ahead });
+            way.to_bits()
         } else {
             goal.value.saturating_sub(self.set_point)
         };
         self.goal = Some(goal);
-        self.ramp = Ramp::new(way, periods);
+        self.course = self.course_of(way, periods);
+    }
+
+    /// How the set-point gets over a way in so many periods, and within the channel's acceleration.
+    fn course_of(&self, way: i32, periods: u16) -> Course {
+        let most = i64::from(self.settings.acceleration) << 8; // bits of counts per second and second
+        let a_second =
+            i64::from(PERIODS_PER_SECOND).saturating_mul(i64::from(way).saturating_abs());
+        match self.method {
+            Method::Velocity if most > 0 => {
+                let least = a_second.checked_div(most).unwrap_or(0);
+                let least = u16::try_from(least).unwrap_or(u16::MAX);
+                Course::Ramp(Ramp::new(way, periods.max(least)))
+            }
+            Method::Position if most > 0 => {
+                let slope = match periods {
+                    0 => i64::from(self.full_speed) << 8,
+                    periods => a_second.checked_div(periods.into()).unwrap_or(0),
+                };
+                Course::Profile(Profile::new(way, saturate(slope), most, &self.course))
+            }
+            Method::Pwm | Method::Velocity | Method::Position => {
+                Course::Ramp(Ramp::new(way, periods))
+            }
+        }
     }
 
     fn move_set_point(&mut self) {
-        let increment = self.ramp.advance();
+        let increment = self.course.advance();
         self.set_point = if self.method == Method::Position {
             let (position, way) = (Counts::from_bits(self.set_point), Counts::from_bits(increment));
-            scale(self.sensor).advance(position, way).to_bits()
+            self.track.advance(position, way).to_bits()
         } else {
             self.set_point.saturating_add(increment)
         };
@@ -500,7 +633,7 @@ impl Axis {
 
     fn forget(&mut self) {
         self.goal = None;
-        self.ramp = Ramp::NONE;
+        self.course = Course::NONE;
         self.pid = Pid::new();
     }
 
@@ -522,15 +655,6 @@ impl Default for Axis {
 /// Whether a motion command is a stop: a neutral PWM, or a velocity of 0.
 pub fn is_stop(method: Method, target: i16) -> bool {
     method != Method::Position && target == 0
-}
-
-/// The scale of a sensor.
-pub fn scale(sensor: Sensor) -> Scale {
-    match sensor {
-        Sensor::SinglePotentiometer => Scale::Line,
-        Sensor::DualPotentiometer => Scale::DUAL_POTENTIOMETER,
-        Sensor::Encoder => Scale::ENCODER,
-    }
 }
 
 fn to_duty(drive: Drive) -> Duty {

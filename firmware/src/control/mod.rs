@@ -3,7 +3,9 @@
 //! - [`ring`]: positions on a circle, and the shorter way between them;
 //! - [`potentiometer`]: one angle from two potentiometers;
 //! - [`velocity`]: a velocity estimate that is quiet at low speed;
-//! - [`trajectory`]: set-points that move linearly and arrive exactly;
+//! - [`track`]: where a shaft may be, and the way from one place to another;
+//! - [`trajectory`]: how a set-point gets from one value to another; [`lead`]: how far it may be ahead of
+//!   its shaft;
 //! - [`pid`]: the controller kernel, and what the gains of the wire mean;
 //! - [`axis`]: one DC channel; [`servo`]: one servo channel.
 //!
@@ -26,10 +28,12 @@
 )]
 
 pub mod axis;
+pub mod lead;
 pub mod pid;
 pub mod potentiometer;
 pub mod ring;
 pub mod servo;
+pub mod track;
 pub mod trajectory;
 pub mod velocity;
 

@@ -21,13 +21,16 @@
 //!
 //! | gain | position loop | velocity loop |
 //! |---|---|---|
-//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s, and as much again for every 128 ms that the error lasts |
+//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s, as it will be in 16 ms, and as much again for every 128 ms that the error lasts |
 //! | Kd = 1 | 2^-16 a count/s | 2^-18 a (count/s) per ms |
 //! | Ki = 1.00 | 2^-10 a count and second | 2^-12 a (count/s) and second |
 //! | the most that counts | Kp 32767: full drive at one count; Kd 511: at 128 counts/s | Kp 32767: full drive at 16 counts/s; with it Ki adds nothing. Kd 2047: at 128 (counts/s) per ms |
 //!
 //! The velocity loop's Kp has the reset time of 128 ms built in because hosts leave Ki at 0 and
-//! expect the speed to be held: a proportional term alone would settle well below the set-point.
+//! expect the speed to be held: a proportional term alone would settle well below the set-point. And it
+//! looks 16 ms ahead along the acceleration, because the estimate of the velocity is so much behind
+//! ([`velocity`](super::velocity)): without that a motor four times as fast as expected overshoots by
+//! as much again.
 
 use fixed::FixedI32;
 use fixed::traits::LossyFrom;
@@ -69,7 +72,7 @@ impl Gains {
     /// The gains of one loop.
     pub fn new(control_loop: Loop, gains: HostGains) -> Self {
         let kp = i32::from(gains.kp.min(32767));
-        let (ki, kd) = (i64::from(gains.ki_hundredths), i32::from(gains.kd));
+        let (ki, kd) = (i64::from(gains.ki_hundredths), i64::from(gains.kd));
         // What is worth 2^-n is bit 30 - n of kp, and bit 38 - n of ki and kd. Ki counts hundredths,
         // and is for a second of 1000 periods.
         let (ki, kd) = match control_loop {
@@ -78,14 +81,21 @@ impl Gains {
                 // Of 16 counts/s, the unit of this loop's error.
                 let ki = (ki << (38 - 12 + 4)) / 100_000;
                 let kp_per_period = i64::from(kp) << (38 - 15 - 7); // within 2^7 periods
-                (ki.saturating_add(kp_per_period), kd.min(2047) << (38 - 18))
+                let kp_of_lag = i64::from(kp) << (38 - 19 + 4); // of 2^4 periods
+                let kd = (kd.min(2047) << (38 - 18)).saturating_add(kp_of_lag);
+                (ki.saturating_add(kp_per_period), kd)
             }
         };
         Self {
             kp: I2F30::from_bits(kp << (30 - 15)),
             ki: FixedI32::from_bits(saturate(ki)),
-            minus_kd: FixedI32::from_bits(kd.saturating_neg()),
+            minus_kd: FixedI32::from_bits(saturate(kd).saturating_neg()),
         }
+    }
+
+    /// Whether the error adds up.
+    pub fn has_integral(&self) -> bool {
+        self.ki != 0
     }
 }
 
@@ -177,6 +187,13 @@ impl Pid {
         self.saturate(integral, error, others, limits)
     }
 
+    /// Takes what the integral has beyond a share of full drive, in the unit of a
+    /// [`Duty`](crate::units::Duty).
+    pub fn hold_within(&mut self, share: u16) {
+        let most = I10F54::wrapping_from_num(Drive::from_bits(share.into()));
+        self.integral = self.integral.min(most).max(most.wrapping_neg());
+    }
+
     /// Anti-windup: a period in which `integral` or the drive would go beyond a limit.
     #[cold]
     fn saturate(
@@ -215,9 +232,12 @@ mod tests {
             Loop::Velocity => (log2(19), log2(18), log2(12)),
         };
         let proportional = f64::from(host.kp) * kp * error;
-        let reset = if control_loop == Loop::Velocity { proportional / 128.0 } else { 0.0 };
+        let (reset, ahead) = match control_loop {
+            Loop::Position => (0.0, 0.0),
+            Loop::Velocity => (proportional / 128.0, f64::from(host.kp) * kp * 16.0),
+        };
         let integral = f64::from(host.ki_hundredths) / 100.0 * ki / 1000.0 * error + reset;
-        (proportional, integral, f64::from(host.kd) * kd * rate)
+        (proportional, integral, (f64::from(host.kd) * kd + ahead).min(log2(7)) * rate)
     }
 
     fn of(control_loop: Loop, error: I24F8) -> Error {

@@ -21,13 +21,14 @@ use protocol::pms5005::extension::{Fault, FaultRecord};
 use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
 
 use crate::command::{ChannelConfiguration, Command, Configuration, ENCODERS, Refused, SetUp};
-use crate::control::axis::{Axis, Reading, is_stop, scale};
+use crate::control::axis::{Axis, Reading, is_stop};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
+use crate::control::track::scale;
 use crate::fmt::warning;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::board::BoardMonitor;
-use crate::safety::channel::{self, ChannelMonitor, Observed};
+use crate::safety::channel::{ChannelMonitor, Observed};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
@@ -57,8 +58,8 @@ impl Controller {
     /// The controller at boot.
     pub fn new(settings: ControlSettings) -> Self {
         let mut axes: [Axis; CHANNELS] = array::from_fn(|_| Axis::new());
-        for axis in &mut axes {
-            axis.set_full_speed(settings.full_speed(axis.sensor()));
+        for (i, axis) in axes.iter_mut().enumerate() {
+            axis.adopt(&settings, i);
         }
         Self {
             settings,
@@ -199,8 +200,6 @@ impl Controller {
                 *bound = Default::default();
             }
             let reading = self.reading(channel);
-            let sensor = self.axes[i].sensor();
-            channel::hold_within(&self.settings.soft_limits[i], reading, sensor, &mut limits);
             self.monitors[i].limit(&mut limits);
             let output = self.axes[i].step(reading, &limits);
             // Whatever channel and servo are about: what is latched is off.
@@ -297,8 +296,8 @@ impl Controller {
                     self.board.forget_looks();
                 }
                 self.settings = *settings;
-                for axis in &mut self.axes {
-                    axis.set_full_speed(self.settings.full_speed(axis.sensor()));
+                for (i, axis) in self.axes.iter_mut().enumerate() {
+                    axis.adopt(&self.settings, i);
                 }
             }
         }
@@ -399,11 +398,6 @@ impl Controller {
         }
         for (channel, target) in moves().filter(|&(channel, _)| !latched.stops_motor(channel)) {
             self.set_sensor(channel, self.sensor_for(channel, method), false, motion);
-            let soft = &self.settings.soft_limits[channel.index()];
-            let target = match method {
-                Method::Position if soft.are_set() => target.clamp(soft.low, soft.high),
-                _ => target,
-            };
             let reading = self.reading(channel);
             self.axes[channel.index()].go(method, target, periods, reading);
         }
@@ -460,6 +454,6 @@ impl Controller {
         }
         let reading = self.reading_by(channel, sensor);
         self.axes[i].set_sensor(sensor, chosen, reading);
-        self.axes[i].set_full_speed(self.settings.full_speed(sensor));
+        self.axes[i].adopt(&self.settings, i);
     }
 }

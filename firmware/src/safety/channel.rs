@@ -1,4 +1,4 @@
-//! The monitor of one DC channel: current, motion, sensor, set-point; and its soft limits.
+//! The monitor of one DC channel: current, motion, sensor, set-point.
 //!
 //! Vocabulary: a channel is *driven* at half of full drive or more. Its shaft *stands still* as
 //! long as it stays near (8 counts) to where it was found. A still shaft that draws the
@@ -10,9 +10,10 @@
 use protocol::pms5005::extension::Fault;
 use protocol::pms5005::{Method, Sensor};
 
-use crate::control::axis::{Reading, scale};
+use crate::control::axis::Reading;
 use crate::control::pid::Limits;
-use crate::settings::{ChannelFaultSettings, SoftLimits};
+use crate::control::track::scale;
+use crate::settings::ChannelFaultSettings;
 use crate::units::{Counts, CountsPerSecond, Drive, Duty};
 
 const LAST_COUNT: Counts = Counts::const_from_int(4095);
@@ -201,23 +202,4 @@ fn is_at_rail(now: &Observed, settings: &ChannelFaultSettings) -> bool {
 /// Whole counts for a record.
 fn word(counts: Counts) -> i16 {
     counts.saturating_to_num()
-}
-
-/// Narrows the drive that is allowed where the shaft is at one of its soft limits or beyond: it
-/// may come back.
-pub fn hold_within(soft: &SoftLimits, now: Reading, sensor: Sensor, limits: &mut Limits) {
-    if !soft.are_set() {
-        return;
-    }
-    let (low, high) = (Counts::from_num(soft.low), Counts::from_num(soft.high));
-    let span: Counts = high.saturating_sub(low);
-    let (half, middle): (Counts, Counts) =
-        (span.wrapping_shr(1), low.saturating_add(span.wrapping_shr(1)));
-    let off = scale(sensor).difference(now.position, middle);
-    if off >= half {
-        limits.high = Drive::ZERO;
-    }
-    if off <= half.saturating_neg() {
-        limits.low = Drive::ZERO;
-    }
 }

@@ -12,7 +12,7 @@ pub mod table;
 use protocol::arcos::JointInfo;
 use protocol::pms5005::Sensor;
 
-use crate::units::ServoPulse;
+use crate::units::{Duty, ServoPulse};
 
 pub use numbered::SettingRefused;
 pub use table::{
@@ -64,6 +64,35 @@ impl SoftLimits {
     pub fn are_set(&self) -> bool {
         self.low < self.high
     }
+
+    /// The target, or the limit that it is beyond.
+    pub fn clamp(&self, target: i16) -> i16 {
+        if self.are_set() { target.clamp(self.low, self.high) } else { target }
+    }
+}
+
+/// What a DC channel's drive and set-point are held to. None of it lengthens a stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct ChannelSettings {
+    /// Milliseconds from no drive to full drive; 0 is at once.
+    pub slew_ms: u16,
+    /// Counts per second and second of a closed loop's set-point; 0 is any.
+    pub acceleration: u32,
+    /// The highest duty either way, 1 to 16384.
+    pub highest_duty: u16,
+    /// The highest share of the drive that is the integral's, 0 to 16384.
+    pub integral_share: u16,
+}
+
+impl ChannelSettings {
+    /// Held to nothing.
+    pub const NONE: Self = Self {
+        slew_ms: 0,
+        acceleration: 0,
+        highest_duty: Duty::FULL.unsigned_abs(),
+        integral_share: Duty::FULL.unsigned_abs(),
+    };
 }
 
 impl ControlSettings {

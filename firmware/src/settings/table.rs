@@ -9,7 +9,7 @@ use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
 use protocol::pms5005::CHANNELS;
 use protocol::pms5005::extension::Unit;
 
-use super::{KiReading, Settings, SoftLimits};
+use super::{ChannelSettings, KiReading, Settings, SoftLimits};
 
 /// One setting, or a bank of them.
 pub(super) struct Row {
@@ -179,7 +179,7 @@ macro_rules! settings {
         /// How many settings there are.
         ///
         /// An n is a channel, 0 to 5, or a joint, 1 to 6, and stands behind the name. All but an
-        /// arm's (from 112 on) take effect in the control period after they were set; what a host
+        /// arm's (112 to 173) take effect in the control period after they were set; what a host
         /// has sent before (gains, say) stays as it was read then. An arm's take effect with the
         /// next start, so that no joint jumps: save them, and reboot.
         ///
@@ -269,8 +269,12 @@ settings! {
             "a potentiometer's speed at full drive, for feed-forward; 0 is none";
         longest_move: u16 = 10000, 5, "longest move", Milliseconds, 0..=60000,
             "silence of the host in which a timed position move goes on to its end; 0 stops it with 1";
+        oldest_command: u16 = 0, 6, "oldest command", Milliseconds, 0..=60000,
+            "age of a channel's last motion command after which it stops as by silence; 0 is never";
     }
     with {
+        /// What each DC channel is held to.
+        channels: [ChannelSettings; CHANNELS] = [ChannelSettings::NONE; CHANNELS];
         /// Collision protection.
         collision: CollisionSettings = CollisionSettings::DEFAULT;
         /// Limits of the DC channels' positions.
@@ -279,6 +283,21 @@ settings! {
         channel_faults: ChannelFaultSettings = ChannelFaultSettings::DEFAULT;
         /// Faults of the board.
         board_faults: BoardFaultSettings = BoardFaultSettings::DEFAULT;
+    }
+
+    and {
+        180 + 4 * [0..=5], "slew time", Milliseconds, 0..=60000, 0,
+            "from no drive to full drive, at least; what stops is not slewed; 0 is at once",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.slew_ms);
+        181 + 4 * [0..=5], "acceleration", CountsPerSecond, 0..=8000000, 0,
+            "of a closed loop's set-point, a second; velocity 0 brakes by it; 0 is any",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.acceleration);
+        182 + 4 * [0..=5], "highest duty", Duty, 1..=16384, 16384,
+            "either way, whatever drives",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.highest_duty);
+        183 + 4 * [0..=5], "integral share", Duty, 0..=16384, 16384,
+            "the most that the integral of a closed loop adds to its drive",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.integral_share);
     }
 
     /// When the collision protection (sub-command 13) holds the wheels back.

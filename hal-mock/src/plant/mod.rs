@@ -99,6 +99,11 @@ impl Plant {
         }
     }
 
+    /// Puts another voltage on the motors' battery, without load.
+    pub fn set_motor_volts(&mut self, volts: f32) {
+        self.scene.battery.motor_v = volts;
+    }
+
     /// Lets time pass until `ms` milliseconds after the beginning, under the outputs as they are.
     pub fn advance_to(&mut self, ms: u64) {
         while self.now_ms < ms {

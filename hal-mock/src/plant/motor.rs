@@ -3,7 +3,7 @@
 //! Per unit of full drive, with the motor's own numbers (`full_speed`, `time_constant_s`, ...):
 //!
 //! ```text
-//!   dv/dt   = (drive * full_speed - v) / time_constant - friction     (bridge enabled)
+//!   dv/dt   = (drive * full_speed - v) / time_constant - friction - load     (bridge enabled)
 //!   current = stall_current * (drive - v / full_speed)                (back-EMF included)
 //! ```
 //!
@@ -73,7 +73,8 @@ impl Motor {
             (STEP_S / (scene.time_constant_s * COASTING), 0.0)
         };
         // Implicit in the drag, so that no time constant is too short.
-        let free = (self.velocity + push * scene.full_speed * drag) / (1.0 + drag);
+        let load = scene.load * scene.full_speed * STEP_S / scene.time_constant_s;
+        let free = (self.velocity - load + push * scene.full_speed * drag) / (1.0 + drag);
         let friction = scene.friction * scene.full_speed * STEP_S / scene.time_constant_s;
         self.velocity =
             if jammed || free.abs() <= friction { 0.0 } else { free - friction * free.signum() };

@@ -1,0 +1,379 @@
+//! What was asked moves as asked: set-points that wait for what is held back, ways that stay within
+//! soft limits, motors that the settings do not describe, and what a channel is held to.
+
+use std::ops::RangeInclusive;
+
+use firmware::settings::{ChannelSettings, Settings, SoftLimits};
+use hal_mock::board::Make;
+use hal_mock::plant::{MotorScene, Overrides, Scene, ShaftSensor};
+use protocol::pms5005::{Channel, Command, Gain, Loop, Parameter, Quantity, Scope, Sensor};
+use tests::Bench;
+use tests::Link::{Alive, Silent};
+
+const WHEEL: Channel = Channel::ALL[0];
+
+/// A bench with another motor on channel 0, and these settings.
+fn with(motor: MotorScene, settings: Settings) -> Bench {
+    let mut scene = Scene::default();
+    scene.motors[0] = motor;
+    Bench::with(Make { scene, settings, ..Make::default() })
+}
+
+fn wheel() -> MotorScene {
+    MotorScene::with(ShaftSensor::Encoder)
+}
+
+fn change(bench: &Bench, change: impl FnOnce(&mut Overrides)) {
+    change(&mut bench.board.plant.borrow_mut().overrides);
+}
+
+/// The highest speed of wheel 0 within so many ms, in counts per second.
+fn peak(bench: &mut Bench, ms: u64) -> f32 {
+    let mut peak = 0.0f32;
+    bench.run_alive_with(ms, |bench| peak = peak.max(bench.velocity(0).abs()));
+    peak
+}
+
+/// What keeps a shaft from following its set-point.
+#[derive(Clone, Copy, Debug)]
+enum Keeps {
+    Obstacle,
+    Jam,
+    CurrentLimit,
+    WeakSupply,
+}
+
+fn keep(bench: &Bench, by: Keeps, held: bool) {
+    change(bench, |all| match by {
+        Keeps::Obstacle => all.sonar_cm[0] = held.then_some(10),
+        Keeps::Jam => all.jam[0] = held.then_some(true),
+        Keeps::CurrentLimit => all.currents[0] = held.then_some(3700),
+        Keeps::WeakSupply => {}
+    });
+    if matches!(by, Keeps::WeakSupply) {
+        bench.board.plant.borrow_mut().set_motor_volts(if held { 0.3 } else { 12.0 });
+    }
+}
+
+#[test]
+fn a_set_point_waits_for_what_is_held_back_and_goes_on_at_the_rate_asked() {
+    for (by, ms) in [
+        (Keeps::Obstacle, 5500),
+        (Keeps::Jam, 300),
+        (Keeps::Jam, 2000),
+        (Keeps::Jam, 5500),
+        (Keeps::CurrentLimit, 900),
+        (Keeps::WeakSupply, 300),
+        (Keeps::WeakSupply, 900),
+    ] {
+        let mut bench = Bench::new();
+        bench.configure(&[
+            Parameter::Sensor(WHEEL, Sensor::Encoder),
+            Parameter::CollisionProtection(true),
+        ]);
+        bench.drive(Quantity::Position, 0, 12_000, 12_000);
+        bench.run_alive_ms(1000);
+        keep(&bench, by, true);
+        bench.run_alive_ms(ms);
+        let at = bench.position(0);
+        assert!(at < 1200, "{by:?}: {at}");
+        keep(&bench, by, false);
+        // Limits are given back within a second.
+        let rate = peak(&mut bench, 8000);
+        assert!((950.0..=1250.0).contains(&rate), "{by:?} for {ms} ms: {rate} counts/s");
+        bench.run_alive_ms(6000);
+        let at = bench.position(0);
+        assert!((at - 12_000).abs() <= 20, "{by:?} for {ms} ms: ends at {at}");
+    }
+}
+
+#[test]
+fn a_joint_that_must_first_lift_its_load_gets_there() {
+    for load in [0.05, 0.15] {
+        let motor = MotorScene { load, start: 500, ..MotorScene::with(ShaftSensor::Potentiometer) };
+        let mut bench = with(motor, Settings::DEFAULT);
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::SinglePotentiometer)]);
+        bench.drive(Quantity::Position, 0, 3000, 5000);
+        bench.run_alive_ms(10_000);
+        let sag = 3000 - bench.position(0);
+        // A proportional controller sags by load / Kp: 655 counts for all of its drive.
+        let most = (655.0 * load) as i64 + 25;
+        assert!((0..=most).contains(&sag), "{load}: sags by {sag}");
+    }
+}
+
+#[test]
+fn a_timed_move_that_nothing_holds_back_keeps_its_time_whatever_its_rate() {
+    for (way, periods) in [(200, 1000), (2000, 1000), (8000, 1000), (12_000, 1000)] {
+        let mut bench = Bench::new();
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        bench.drive(Quantity::Position, 0, way, periods);
+        bench.run_alive_ms(u64::from(periods) + 300);
+        let short = i64::from(way) - bench.position(0);
+        assert!(short.abs() <= 20, "{way}: {short} short");
+    }
+}
+
+#[test]
+fn a_move_within_soft_limits_goes_the_way_that_stays_inside() {
+    let mut settings = Settings::DEFAULT;
+    settings.control.soft_limits[0] = SoftLimits { low: 1000, high: 31_000 };
+    // The shorter way leads through 0.
+    for (start, target, periods) in [(2000, 30_500, 0), (2000, 30_500, 4000), (30_500, 2000, 0)] {
+        let mut bench = with(MotorScene { start, ..wheel() }, settings);
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        bench.drive(Quantity::Position, 0, target, periods);
+        bench.run_alive_with(6000, |bench| {
+            let at = bench.position(0);
+            assert!((1000 - 16..=31_000 + 16).contains(&at), "{start} to {target}: {at}");
+        });
+        let at = bench.position(0);
+        assert!((at - i64::from(target)).abs() <= 30, "{start} to {target}: {at}");
+    }
+    // From outside it comes in by the nearer limit, if it is told to.
+    for (start, near) in [(500, 1000), (32_000, 31_000)] {
+        let mut bench = with(MotorScene { start, ..wheel() }, settings);
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        bench.drive(Quantity::Pwm, 0, 16_384, 0);
+        bench.run_alive_ms(500);
+        assert_eq!(bench.position(0), start, "nobody asked it to move");
+        bench.drive(Quantity::Position, 0, if near == 1000 { 0 } else { i16::MAX }, 0);
+        bench.run_alive_ms(2000);
+        let at = bench.position(0);
+        assert!((at - near).abs() <= 30, "from {start}: {at}");
+    }
+}
+
+#[test]
+fn full_pwm_stops_at_a_soft_limit_whatever_the_inertia() {
+    let mut settings = Settings::DEFAULT;
+    settings.control.soft_limits[0] = SoftLimits { low: 1000, high: 31_000 };
+    for inertia in [0.1, 1.0, 2.0, 4.0] {
+        for (start, pwm) in [(5000, 32_767), (27_000, 1), (30_000, 32_767)] {
+            let motor = wheel();
+            let time_constant_s = motor.time_constant_s * inertia;
+            let mut bench = with(MotorScene { start, time_constant_s, ..motor }, settings);
+            bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+            bench.drive(Quantity::Pwm, 0, pwm, 0);
+            let (mut low, mut high) = (start, start);
+            bench.run_alive_with(5000, |bench| {
+                low = low.min(bench.position(0));
+                high = high.max(bench.position(0));
+            });
+            assert!(low >= 1000 - 16 && high <= 31_000 + 16, "{inertia}: {low} to {high}");
+            let at = bench.position(0);
+            let short = if pwm > 16_384 { 31_000 - at } else { at - 1000 };
+            assert!((-16..=32).contains(&short), "{inertia}: rests {short} short");
+        }
+    }
+}
+
+#[test]
+fn a_gain_of_0_has_no_part() {
+    let mut bench = Bench::new();
+    let ki =
+        |integer| Parameter::Gain(WHEEL, Loop::Position, Gain::Integral { integer, fraction: 0 });
+    let gain = |gain| Parameter::Gain(WHEEL, Loop::Position, gain);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder), ki(232), ki(0)]);
+    bench.configure(&[Parameter::Gain(
+        WHEEL,
+        Loop::Position,
+        Gain::Integral { integer: 0xE8, fraction: 3 }, // 10.00, as hosts send it
+    )]);
+    change(&bench, |all| all.jam[0] = Some(true));
+    bench.drive(Quantity::Position, 0, 300, 0);
+    bench.run_alive_ms(1000);
+    bench.configure(&[ki(0)]);
+    bench.run_alive_ms(100);
+    change(&bench, |all| all.jam[0] = None);
+    bench.run_alive_ms(1000);
+    assert!((bench.position(0) - 300).abs() <= 20, "{}", bench.position(0));
+    bench.configure(&[gain(Gain::Proportional(0)), gain(Gain::Derivative(0))]);
+    bench.drive(Quantity::Position, 0, 3000, 0);
+    bench.run_alive_ms(1000);
+    assert_eq!(bench.bridge(0), (0, true));
+}
+
+#[test]
+fn a_wheel_that_is_slower_or_faster_than_the_setting_overshoots_by_a_quarter_at_most() {
+    for factor in [0.3, 0.5, 1.0, 2.0, 3.0, 4.0] {
+        for speed in [200, 1000, 4000, 12_000] {
+            let full_speed = 16_384.0 * factor;
+            if f32::from(speed) > 0.8 * full_speed {
+                continue;
+            }
+            let mut bench = with(MotorScene { full_speed, ..wheel() }, Settings::DEFAULT);
+            bench.drive(Quantity::Velocity, 0, speed, 0);
+            let most = peak(&mut bench, 2500) / f32::from(speed);
+            let start = bench.position(0);
+            bench.run_alive_ms(2000);
+            let now = (bench.position(0) - start) as f32 / 2.0 / f32::from(speed);
+            assert!((0.98..=1.25).contains(&most), "{factor}, {speed}: peak {most}");
+            assert!((0.98..=1.02).contains(&now), "{factor}, {speed}: at the end {now}");
+        }
+    }
+}
+
+/// A bench whose channel 0 is held to something.
+fn held(change: impl FnOnce(&mut ChannelSettings)) -> Bench {
+    let mut settings = Settings::DEFAULT;
+    change(&mut settings.control.channels[0]);
+    let mut bench = with(wheel(), settings);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench
+}
+
+/// The duty of bridge 0 after each of these times.
+#[track_caller]
+fn duties(bench: &mut Bench, timeline: &[(u64, RangeInclusive<i16>)]) {
+    let mut now = 0;
+    for (at, duty) in timeline {
+        bench.run_with(Silent, at - now, |_| {});
+        now = *at;
+        let is = bench.bridge(0).0;
+        assert!(duty.contains(&is), "after {at} ms: {is}, not {duty:?}");
+    }
+}
+
+#[test]
+fn a_slew_limit_holds_back_what_drives_and_nothing_that_stops() {
+    // A second from nothing to full drive: 16 a period.
+    let slewed = || held(|channel| channel.slew_ms = 1000);
+    let mut bench = slewed();
+    bench.drive(Quantity::Pwm, 0, 32_767, 0);
+    duties(&mut bench, &[(102, 1580..=1650), (502, 7980..=8050), (1100, 16_383..=16_383)]);
+    // The other way round: at once to nothing, and from there.
+    bench.drive(Quantity::Pwm, 0, 1, 0);
+    duties(&mut bench, &[(4, -64..=0), (104, -1680..=-1550)]);
+
+    let running = || {
+        let mut bench = slewed();
+        bench.drive(Quantity::Pwm, 0, 32_767, 0);
+        bench.run_alive_ms(1200);
+        bench
+    };
+    let mut bench = running();
+    bench.drive(Quantity::Pwm, 0, 16_384, 0);
+    duties(&mut bench, &[(3, 0..=0)]);
+    let mut bench = running();
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    duties(&mut bench, &[(3, 0..=0)]);
+    assert!(!bench.bridge(0).1);
+    let mut bench = running();
+    let silence = bench.until(Silent, 2100, |bench| bench.bridge(0).0 != 16_383);
+    duties(&mut bench, &[(60, 0..=0)]);
+    assert!(silence > 1400);
+    let mut bench = running();
+    bench.configure(&[Parameter::CollisionProtection(true)]);
+    change(&bench, |all| all.sonar_cm[0] = Some(10));
+    let stopped = bench.until(Alive, 300, |bench| bench.bridge(0).0 <= 0);
+    assert!(stopped < 100, "{stopped}: as soon as the sonar has seen it");
+    let mut bench = running();
+    change(&bench, |all| all.overheat[0] = Some(1000));
+    bench.until(Alive, 1200, |bench| bench.bridge(0) == (0, false));
+    // A velocity of 0 brakes with all it has.
+    let mut bench = slewed();
+    bench.drive(Quantity::Velocity, 0, 8000, 0);
+    bench.run_alive_ms(2000);
+    bench.drive(Quantity::Velocity, 0, 0, 0);
+    bench.run_alive_ms(300);
+    assert!(bench.velocity(0).abs() < 400.0, "{}", bench.velocity(0));
+}
+
+#[test]
+fn an_acceleration_limit_bounds_the_set_point_of_both_loops() {
+    // 4000 counts/s within a second.
+    let limited = || held(|channel| channel.acceleration = 4000);
+    let mut bench = limited();
+    bench.drive(Quantity::Velocity, 0, 4000, 0);
+    for (ms, line) in [(500, 2000.0), (500, 4000.0)] {
+        bench.run_alive_ms(ms);
+        assert!((bench.velocity(0) - line).abs() < 300.0, "{line}: {}", bench.velocity(0));
+    }
+    bench.run_alive_ms(500);
+    bench.drive(Quantity::Velocity, 0, 0, 0);
+    bench.run_alive_ms(500);
+    assert!((bench.velocity(0) - 2000.0).abs() < 300.0, "{}", bench.velocity(0));
+    // 4000 counts from rest to rest at 4000 counts/s^2: a second up to 4000, a second down.
+    let mut bench = limited();
+    bench.drive(Quantity::Position, 0, 4000, 0);
+    bench.run_alive_ms(1000);
+    assert!((bench.position(0) - 2000).abs() < 150, "{}", bench.position(0));
+    assert!((bench.velocity(0) - 4000.0).abs() < 300.0, "{}", bench.velocity(0));
+    bench.run_alive_ms(1200);
+    assert!((bench.position(0) - 4000).abs() <= 20, "{}", bench.position(0));
+    // A timed move keeps to its rate, and takes as much longer as it needs to get there.
+    let mut bench = limited();
+    bench.drive(Quantity::Position, 0, 6000, 3000);
+    let rate = peak(&mut bench, 3000);
+    assert!((1900.0..2300.0).contains(&rate), "{rate}");
+    bench.run_alive_ms(700);
+    assert!((bench.position(0) - 6000).abs() <= 20, "{}", bench.position(0));
+    // Turned round in the middle it neither jumps nor overshoots.
+    let mut bench = limited();
+    bench.drive(Quantity::Position, 0, 6000, 0);
+    bench.run_alive_ms(1000);
+    bench.drive(Quantity::Position, 0, 0, 0);
+    bench.run_alive_ms(3500);
+    assert!(bench.position(0).abs() <= 20, "{}", bench.position(0));
+}
+
+#[test]
+fn the_highest_duty_bounds_every_way_of_driving() {
+    let mut bench = held(|channel| channel.highest_duty = 4096);
+    for (quantity, target) in
+        [(Quantity::Pwm, 32_767), (Quantity::Velocity, 16_000), (Quantity::Position, 12_000)]
+    {
+        bench.drive(quantity, 0, target, 0);
+        let mut most = 0;
+        bench.run_alive_with(700, |bench| most = most.max(bench.bridge(0).0.abs()));
+        assert_eq!(most, 4096, "{quantity:?}");
+    }
+}
+
+#[test]
+fn the_share_of_the_integral_is_all_that_it_adds() {
+    for (share, duty) in [(16_384, 16_000..=16_384), (1000, 7000..=9600)] {
+        let mut bench = held(|channel| channel.integral_share = share);
+        change(&bench, |all| all.jam[0] = Some(true));
+        bench.drive(Quantity::Velocity, 0, 4000, 0);
+        bench.run_alive_ms(3000);
+        let is = bench.bridge(0).0;
+        assert!(duty.contains(&is), "{share}: {is}");
+    }
+}
+
+#[test]
+fn a_channel_whose_last_command_is_too_old_stops_as_by_silence() {
+    let mut settings = Settings::DEFAULT;
+    settings.control.oldest_command = 700;
+    let mut bench = with(wheel(), settings);
+    // The driver is alive, the planner behind it is dead.
+    bench.drive(Quantity::Pwm, 0, 24_384, 0);
+    bench.drive(Quantity::Pwm, 1, 24_384, 0);
+    let begins = bench.until(Alive, 2000, |bench| bench.bridge(0).0 == 8000);
+    bench.drive(Quantity::Pwm, 1, 24_384, 0);
+    bench.run_alive_ms(400);
+    bench.drive(Quantity::Pwm, 1, 24_384, 0);
+    let old = 400 + bench.until(Alive, 2000, |bench| bench.bridge(0).0 < 8000);
+    assert!((695..=705).contains(&old), "after {old} ms ({begins})");
+    assert_eq!(bench.bridge(1).0, 8000, "whose command is younger");
+    bench.run_alive_ms(100);
+    assert_eq!(bench.bridge(0), (0, false));
+    // A resume does not bring it back, a motion command does.
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_ms(100);
+    assert_eq!(bench.bridge(0), (0, false));
+    bench.drive(Quantity::Pwm, 0, 24_384, 0);
+    bench.run_alive_ms(100);
+    assert_eq!(bench.bridge(0), (8000, true));
+    // A timed position move goes on to its end.
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Pwm, 0, 16_384, 0);
+    bench.run_alive_ms(500);
+    let from = bench.position(0);
+    let target = (from + 3000).rem_euclid(32_768) as i16;
+    bench.drive(Quantity::Position, 0, target, 2000);
+    bench.run_alive_ms(2500);
+    assert!((bench.position(0) - from - 3000).abs() <= 20);
+}
