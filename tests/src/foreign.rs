@@ -318,20 +318,22 @@ impl TextbookPid {
     }
 
     /// A velocity loop, in counts/s, with the gains of the wire: what each is worth is the table in
-    /// `firmware::control::pid`, the reset time of 128 ms included. Fed forward is the set-point.
+    /// `firmware::control::pid`, with the reset time of 128 ms and the 16 ms ahead. Fed forward is half of
+    /// the set-point.
     pub fn velocity(kp: u16, kd: u16, ki_hundredths: u16, full_speed: f64) -> Self {
         let [kp, kd, ki] = [kp, kd, ki_hundredths].map(f64::from);
         let kp = kp / 2_f64.powi(19);
         let ki = ki / 100.0 / 2_f64.powi(12) + kp / 0.128;
-        Self::new(kp, ki, kd / 2_f64.powi(18) / 1000.0, 1.0 / full_speed)
+        Self::new(kp, ki, kd / 2_f64.powi(18) / 1000.0 + kp * 16e-3, 0.5 / full_speed)
     }
 
     /// A position loop, in counts, with the gains of the wire, as [`velocity`](Self::velocity). Fed
-    /// forward is the velocity of the set-point; the derivative knows nothing of that.
+    /// forward is the velocity of the set-point, to the drive and to the derivative.
     pub fn position(kp: u16, kd: u16, ki_hundredths: u16, full_speed: f64) -> Self {
         let [kp, kd, ki] = [kp, kd, ki_hundredths].map(f64::from);
         let ki = ki / 100.0 / 2_f64.powi(10);
-        Self::new(kp / 2_f64.powi(15), ki, kd / 2_f64.powi(16), 1.0 / full_speed)
+        let kd = kd / 2_f64.powi(16);
+        Self::new(kp / 2_f64.powi(15), ki, kd, 1.0 / full_speed + kd)
     }
 
     /// One period: the drive.

@@ -133,8 +133,9 @@ pub struct Axis {
     lead: Lead,
     pid: Pid,
     last: Reading,
-    /// Logical drive of the last period.
+    /// Logical drive of the last period, and what it was limited to.
     drive: Drive,
+    limits: Limits,
     /// The drive that the channel crosses over from, and the periods that are left to do so.
     old_drive: Drive,
     handover: u8,
@@ -169,6 +170,7 @@ impl Axis {
             pid: Pid::new(),
             last: Reading { position: Counts::ZERO, velocity: CountsPerSecond::ZERO },
             drive: Drive::ZERO,
+            limits: Limits::FULL,
             old_drive: Drive::ZERO,
             handover: 0,
         }
@@ -415,8 +417,9 @@ impl Axis {
             self.drive = Drive::ZERO;
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
-        let limits = &self.narrowed(now, limits);
-        let held_back = self.is_held_back(limits);
+        let held_back = self.is_held_back();
+        self.limits = self.narrowed(now, limits);
+        let limits = &{ self.limits };
         if self.is_orphaned && (self.course.left() == 0 || held_back) {
             self.hold(now);
         }
@@ -457,9 +460,9 @@ impl Axis {
         limits
     }
 
-    /// Whether limits keep the drive from going on the way that the set-point moves.
-    fn is_held_back(&self, limits: &Limits) -> bool {
-        let slope = self.course.slope();
+    /// Whether limits have kept the last drive from going the way that the set-point moves.
+    fn is_held_back(&self) -> bool {
+        let (slope, limits) = (self.course.slope(), &self.limits);
         (slope > 0 && limits.high < Limits::FULL.high && self.drive >= limits.high)
             || (slope < 0 && limits.low > Limits::FULL.low && self.drive <= limits.low)
     }

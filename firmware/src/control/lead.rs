@@ -2,7 +2,7 @@
 //!
 //! A set-point that runs on while something holds the shaft stores up a drive that is let loose
 //! with it. So it *waits* when it leads by more than what the shaft was seen to *need* (its load, over
-//! the gain), by 20 ms of the move, and by 32 counts for friction. When the shaft is free it goes on
+//! the gain), by 20 ms of the move, and by 64 counts for friction. When the shaft is free it goes on
 //! from there, at the rate asked.
 //!
 //! - A shaft that stands, and may be driven, may need more than before: a joint that is to lift a load.
@@ -16,8 +16,8 @@ use protocol::pms5005::Sensor;
 
 use crate::units::{Counts, CountsPerSecond, PERIODS_PER_SECOND};
 
-/// What a free shaft needs to set out: 32 counts (5 % of full drive at Kp 50), and a 50th of a second of the move.
-const FRICTION: Counts = Counts::const_from_int(32);
+/// What a free shaft needs to set out: 64 counts (10 % of full drive at Kp 50), and a 50th of a second of the move.
+const FRICTION: Counts = Counts::const_from_int(64);
 const SETTING_OUT: i32 = 50;
 /// Behind a shaft that has broken loose the set-point leads by so much.
 const LOOSE: Counts = Counts::const_from_int(8);
@@ -95,7 +95,7 @@ impl Lead {
         if held_back || (is_fast && self.moving < PROOF && self.needed > self.proven) {
             self.needed = self.proven;
             let back = ahead.saturating_sub(self.needed.saturating_add(LOOSE));
-            return if back > 0 { Step::Back(back) } else { Step::Wait };
+            return if back > 0 { Step::Back(back) } else { Step::Go };
         }
         if self.moving >= PROOF {
             self.proven = self.needed;
@@ -137,8 +137,9 @@ mod tests {
     }
 
     #[test]
-    fn a_set_point_waits_52_counts_ahead_of_a_shaft_that_stands_and_31_a_second_more() {
-        for (ms, least, most) in [(10, 10, 10), (60, 52, 54), (1052, 80, 86), (60_000, 655, 710)] {
+    fn a_set_point_waits_84_counts_ahead_of_a_shaft_that_stands_and_31_a_second_more() {
+        for (ms, least, most) in [(10, 10, 10), (100, 84, 86), (1084, 112, 118), (60_000, 655, 742)]
+        {
             let ahead = pushed(&mut Lead::new(Counts::ZERO), ms, false);
             assert!((least..=most).contains(&ahead.to_num::<i32>()), "{ms} ms: {ahead}");
         }
@@ -151,7 +152,7 @@ mod tests {
             lead.step(&standing(Counts::from_num(150)), true),
             Step::Back(Counts::from_num(42))
         );
-        assert_eq!(lead.step(&standing(Counts::from_num(108)), true), Step::Wait);
+        assert_eq!(lead.step(&standing(Counts::from_num(108)), true), Step::Go);
     }
 
     #[test]
