@@ -76,7 +76,7 @@ pub type InstructionReceiver = Deframer<Dynamixel, MAX_PACKET>;
 pub type StatusReceiver = Deframer<Dynamixel, MAX_STATUS>;
 
 /// A packet's fields. What they mean is [`Instruction`](super::Instruction)'s and
-/// [`Status`](super::Status)'s business.
+/// [`Errors`](super::Errors)'s business.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Packet<'a> {
