@@ -2,7 +2,7 @@
 //! so whoever reads goals, an answer or a report says how many there are.
 
 use super::MAX_SERVOS;
-use super::packet::write;
+use super::packet::encode;
 use crate::dynamixel::{EncodeError, Register};
 
 /// Why a packet of the PC is not carried out. Nothing of it may be used.
@@ -63,7 +63,7 @@ impl<'a> Hello<'a> {
     /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let count = u8::try_from(self.ids.len()).ok().filter(|_| self.ids.len() <= MAX_SERVOS);
-        write([&[count.ok_or(EncodeError::TooLong)?], self.ids], out)
+        encode([&[count.ok_or(EncodeError::TooLong)?], self.ids], out)
     }
 }
 
@@ -159,7 +159,7 @@ impl<'a> Answer<'a> {
             return Err(EncodeError::TooLong);
         }
         let limits = limits.iter().map(|limits| &limits.0[..]);
-        write(core::iter::once(&[return_delay][..]).chain(limits), out)
+        encode(core::iter::once(&[return_delay][..]).chain(limits), out)
     }
 }
 
@@ -252,7 +252,7 @@ impl<'a> Goals<'a> {
     /// # Errors
     /// [`EncodeError`].
     pub fn encode<'b>(goals: &[Goal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        write(goals.iter().map(|goal| goal.0), out)
+        encode(goals.iter().map(|goal| goal.0), out)
     }
 }
 
@@ -300,17 +300,20 @@ impl<'a> Report<'a> {
         feedback: impl IntoIterator<Item = Option<Feedback>>,
         out: &mut [u8],
     ) -> Result<&mut [u8], EncodeError> {
-        write(feedback.into_iter().map(|servo| servo.map_or(Feedback::STALE, |servo| servo.0)), out)
+        encode(
+            feedback.into_iter().map(|servo| servo.map_or(Feedback::STALE, |servo| servo.0)),
+            out,
+        )
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{MAX_PACKET, Packet};
+    use super::super::{MAX_PACKET, params_of};
     use super::*;
 
     fn params(packet: &[u8]) -> &[u8] {
-        Packet::parse(packet).unwrap().params
+        params_of(packet).unwrap()
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! that still turn, and maybe nobody who would stop them.
 
 use embassy_time::{Duration, Instant};
-use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Packet, Refusal, Report};
+use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Refusal, Report, params_of};
 
 use super::exchange::count;
 use super::roster::Roster;
@@ -133,7 +133,7 @@ impl Pc {
 
     /// Does what an intact packet asks.
     pub fn respond(&mut self, packet: &[u8], roster: &mut Roster, now: Instant) {
-        let Some(Packet { params }) = Packet::parse(packet) else { return };
+        let Some(params) = params_of(packet) else { return };
         if let Err(refusal) = self.carry_out(params, roster, now) {
             count(&mut self.counters.refused, 1);
             warning!("packet not carried out: {}", refusal);
