@@ -105,26 +105,29 @@ pub(crate) use record;
 
 /// Bytes of the wire that stand for one of these.
 macro_rules! codes {
-    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:literal])+ $variant:ident = $code:literal,)+ }) => {
+    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:expr])+ $variant:ident = $number:literal,)+ }) => {
         $(#[doc = $doc])+
         ///
-        /// | code | meaning |
+        /// | number | meaning |
         /// |---|---|
-        $(#[doc = concat!("| ", $code, " | ", $($what,)+ " |")])+
+        $(#[doc = concat!("| ", $number, " | ", $($what,)+ " |")])+
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-        pub enum $name { $($(#[doc = $what])+ $variant = $code,)+ }
+        pub enum $name { $($(#[doc = $what])+ $variant = $number,)+ }
 
         impl $name {
-            /// Its code on the wire.
-            pub const fn code(self) -> u8 {
+            /// All of them, in the order of their numbers.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+
+            /// Its number on the wire.
+            pub const fn number(self) -> u8 {
                 self as u8
             }
 
-            /// What a code stands for.
-            pub const fn from_code(code: u8) -> Option<Self> {
-                match code {
-                    $($code => Some(Self::$variant),)+
+            /// What a number stands for.
+            pub const fn from_number(number: u8) -> Option<Self> {
+                match number {
+                    $($number => Some(Self::$variant),)+
                     _ => None,
                 }
             }
@@ -132,11 +135,11 @@ macro_rules! codes {
 
         impl $crate::data::Field for $name {
             fn put(&self, data: &mut $crate::data::Data) -> Result<(), $crate::data::EncodeError> {
-                self.code().put(data)
+                self.number().put(data)
             }
 
             fn take(data: &mut &[u8]) -> Option<Self> {
-                u8::take(data).and_then(Self::from_code)
+                u8::take(data).and_then(Self::from_number)
             }
         }
     };

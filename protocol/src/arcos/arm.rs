@@ -5,7 +5,7 @@
 
 use super::command;
 use super::packet::{Argument, BadArgument, encode_command};
-use crate::data::EncodeError;
+use crate::data::{EncodeError, codes};
 
 /// Joints of the arm, and servos: there are six.
 pub const JOINTS: usize = 6;
@@ -64,16 +64,16 @@ impl Joints {
     }
 }
 
-/// How often ARMpac is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum StatusRequest {
-    /// No more.
-    Stop,
-    /// Once.
-    Once,
-    /// One a cycle of the standard information packet, until further notice.
-    Stream,
+codes! {
+    /// How often ARMpac is asked for.
+    StatusRequest {
+        /// No more.
+        Stop = 0,
+        /// Once.
+        Once = 1,
+        /// One a cycle of the standard information packet, until further notice.
+        Stream = 2,
+    }
 }
 
 /// Why a packet that arrived intact is not carried out.
@@ -168,12 +168,11 @@ impl ArmCommand {
         };
         Ok(match number {
             command::INFO => Self::Info,
-            command::STATUS => Self::Status(match integer()? {
-                0 => StatusRequest::Stop,
-                1 => StatusRequest::Once,
-                2 => StatusRequest::Stream,
-                value => return Err(Refusal::Value { number, value }),
-            }),
+            command::STATUS => {
+                let value = integer()?;
+                let request = u8::try_from(value).ok().and_then(StatusRequest::from_number);
+                Self::Status(request.ok_or(Refusal::Value { number, value })?)
+            }
             command::INIT => Self::Init,
             command::CHECK => Self::Check,
             command::POWER => Self::Power(match integer()? {
@@ -208,14 +207,7 @@ impl ArmCommand {
     fn on_the_wire(&self) -> (u8, Option<u16>) {
         match *self {
             Self::Info => (command::INFO, None),
-            Self::Status(request) => {
-                let request = match request {
-                    StatusRequest::Stop => 0,
-                    StatusRequest::Once => 1,
-                    StatusRequest::Stream => 2,
-                };
-                (command::STATUS, Some(request))
-            }
+            Self::Status(request) => (command::STATUS, Some(request.number().into())),
             Self::Init => (command::INIT, None),
             Self::Check => (command::CHECK, None),
             Self::Power(on) => (command::POWER, Some(on.into())),

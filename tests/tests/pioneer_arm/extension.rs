@@ -160,7 +160,7 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
             host.run_ms(40);
             let told = host.heard(101);
             let did = if id == 101 { 7 } else { id };
-            let bad = Verdict::BadLength.code();
+            let bad = Verdict::BadLength.number();
             assert_eq!(told.packet().data, [did, 0, bad, 0, 0], "{id} {data:02x?}");
         }
     }
