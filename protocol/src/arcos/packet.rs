@@ -81,9 +81,6 @@ impl<'a> Packet<'a> {
     }
 
     /// Writes the packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError::TooLong`], [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let total = self.data.len().saturating_add(OVERHEAD);
         if total > MAX_SENT {
@@ -136,9 +133,6 @@ pub struct BadArgument;
 impl<'a> Argument<'a> {
     /// Reads a command's data. A type with no value behind it counts as no argument: hosts exist
     /// that send it so.
-    ///
-    /// # Errors
-    /// [`BadArgument`].
     pub fn parse(data: &'a [u8]) -> Result<Option<Self>, BadArgument> {
         match *data {
             [] | [kind::POSITIVE | kind::NEGATIVE | kind::TEXT] => Ok(None),
@@ -175,9 +169,6 @@ impl<'a> Argument<'a> {
 }
 
 /// Writes a command's packet into `out` and answers the part it took.
-///
-/// # Errors
-/// The errors of [`Packet::encode`].
 pub fn encode_command<'b>(
     number: u8,
     argument: Option<Argument<'_>>,

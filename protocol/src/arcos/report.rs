@@ -98,9 +98,6 @@ impl ArmStatus {
     pub const ID: u8 = 160;
 
     /// Writes the whole packet into `out` and answers the part it took: 14 bytes.
-    ///
-    /// # Errors
-    /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(
         &self,
         dialect: Dialect,
@@ -199,9 +196,6 @@ impl<'a> ArmInfo<'a> {
 
     /// Writes the whole packet into `out` and answers the part it took. The count is that of the
     /// bytes: n+39 for a version whose NUL is byte n, not the n+53 that Table 3 prints.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let mut data = Data::new();
         match self {

@@ -58,9 +58,6 @@ impl<'a> Hello<'a> {
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let count = u8::try_from(self.ids.len()).ok().filter(|_| self.ids.len() <= MAX_SERVOS);
         encode([&[count.ok_or(EncodeError::TooLong)?], self.ids], out)
@@ -76,9 +73,6 @@ impl Limits {
     const BYTES: usize = 4;
 
     /// Limits, if a servo can have them.
-    ///
-    /// # Errors
-    /// [`Refusal::Limits`].
     pub fn new(cw: u16, ccw: u16) -> Result<Self, Refusal> {
         let ([cw_low, cw_high], [ccw_low, ccw_high]) = (cw.to_le_bytes(), ccw.to_le_bytes());
         Self::parse([cw_low, cw_high, ccw_low, ccw_high])
@@ -117,9 +111,6 @@ pub struct Answer<'a> {
 
 impl<'a> Answer<'a> {
     /// Reads a packet's parameters as the answer to a hello of `servos` servos.
-    ///
-    /// # Errors
-    /// [`Refusal`].
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
         let bad_length = Refusal::Length(params.len());
         let (&return_delay, limits) = params.split_first().ok_or(bad_length)?;
@@ -147,9 +138,6 @@ impl<'a> Answer<'a> {
 
     /// Writes a whole packet into `out` and answers the part it took: with one pair of limits, it
     /// is for all servos.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(
         return_delay: u8,
         limits: &[Limits],
@@ -230,9 +218,6 @@ pub struct Goals<'a>(&'a [[u8; Goal::BYTES]]);
 
 impl<'a> Goals<'a> {
     /// Reads a packet's parameters as goals for `servos` servos, at least one.
-    ///
-    /// # Errors
-    /// [`Refusal::Length`] or [`Refusal::Goal`].
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
         let (goals, []) = params.as_chunks() else { return Err(Refusal::Length(params.len())) };
         if goals.len() != servos || servos == 0 {
@@ -248,9 +233,6 @@ impl<'a> Goals<'a> {
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(goals: &[Goal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         encode(goals.iter().map(|goal| goal.0), out)
     }
@@ -293,9 +275,6 @@ impl<'a> Report<'a> {
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode(
         feedback: impl IntoIterator<Item = Option<Feedback>>,
         out: &mut [u8],

@@ -44,9 +44,6 @@ pub fn params_of(packet: &[u8]) -> Option<&[u8]> {
 }
 
 /// Writes a packet, whose parameters come in parts, into `out` and answers the part it took.
-///
-/// # Errors
-/// [`EncodeError`].
 pub fn encode(
     parts: impl IntoIterator<Item: AsRef<[u8]>>,
     out: &mut [u8],

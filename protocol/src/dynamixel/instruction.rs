@@ -72,9 +72,6 @@ impl<'a> Instruction<'a> {
 
     /// Writes a whole packet for `id` into `out` and answers the part it took. A SYNC_WRITE goes
     /// to [`Id::BROADCAST`] whatever `id` is.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, id: Id, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         match *self {
             Self::Ping => write(id, code::PING, &[], out),
@@ -144,9 +141,6 @@ pub struct SyncWriter<'b> {
 impl<'b> SyncWriter<'b> {
     /// Begins a SYNC_WRITE of `len` bytes a servo, from register `address` on. With `len` 0 it is
     /// one that servos refuse.
-    ///
-    /// # Errors
-    /// [`EncodeError::BufferTooShort`].
     pub fn new(out: &'b mut [u8], address: u8, len: u8) -> Result<Self, EncodeError> {
         let mut packet = begin(out, Id::BROADCAST, code::SYNC_WRITE)?;
         packet.append(&[address, len])?;
@@ -155,9 +149,6 @@ impl<'b> SyncWriter<'b> {
 
     /// Room for the next servo's `len` bytes, to be filled by the caller. After an error the packet
     /// is as it was: finish it, and go on in another.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn servo(&mut self, id: Id) -> Result<&mut [u8], EncodeError> {
         let each = usize::from(self.len).saturating_add(1);
         let (first, data) =

@@ -99,9 +99,6 @@ impl<'a> Packet<'a> {
     }
 
     /// Writes the packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         write(self.id, self.code, &[self.params], out)
     }
