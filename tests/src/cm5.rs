@@ -217,6 +217,6 @@ impl PcHost {
 
     /// What the bridge has counted of a servo.
     pub fn counters(&self, servo: usize) -> ServoCounters {
-        self.board.bridge().servos().nth(servo).expect("a known servo").counters()
+        self.board.bridge().servos().nth(servo).expect("a known servo").counters
     }
 }

@@ -61,7 +61,7 @@ impl Script {
             self.hear(&request);
             self.hear(&bus(id, k));
         }
-        self.bridge.servos().map(|servo| servo.id().number()).collect()
+        self.bridge.servos().map(|servo| servo.id.number()).collect()
     }
 }
 

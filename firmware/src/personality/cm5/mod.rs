@@ -54,10 +54,10 @@ use protocol::cm5::{Cm5, MAX_PACKET};
 use protocol::deframe::Reception;
 use protocol::dynamixel::{Id, Instruction};
 
-use super::TimedReceiver;
+use super::{TimedReceiver, count};
 use crate::settings::BridgeSettings;
 use cycle::{Cycle, Job};
-use exchange::{Bus, Expected, Outcome, Patience, count};
+use exchange::{BRIEF_PATIENCE, Bus, Expected, Outcome, PATIENCE};
 use pc::Pc;
 use roster::Roster;
 use search::Search;
@@ -148,12 +148,12 @@ impl Bridge {
 
     /// Whether the search at boot is still on.
     pub fn is_searching(&self) -> bool {
-        !self.search.is_watch()
+        !self.search.is_watch
     }
 
     /// Whether the PC is silent for too long; before its first word, since the search was over.
     pub fn pc_is_silent(&self) -> bool {
-        self.pc.is_silent()
+        self.pc.silent
     }
 
     /// Takes bytes of the PC, and gives up on those that have waited too long for the rest.
@@ -203,9 +203,9 @@ impl Bridge {
     pub fn bus_acts_at(&self) -> Instant {
         match self.bus.waits_until() {
             Some(until) => until,
-            None if self.is_searching() => self.search.due(),
+            None if self.is_searching() => self.search.due,
             None if self.roster.is_full() => self.cycle.rests_until(),
-            None => self.cycle.rests_until().min(self.search.due()),
+            None => self.cycle.rests_until().min(self.search.due),
         }
     }
 
@@ -221,7 +221,7 @@ impl Bridge {
         }
         if let Some(id) = self.whom_to_ping(now) {
             self.purpose = Some(Purpose::Ping);
-            let patience = if self.is_searching() { Patience::Unknown } else { Patience::Brief };
+            let patience = if self.is_searching() { PATIENCE } else { BRIEF_PATIENCE };
             let expected = Expected { id, data: 0, patience };
             return self.bus.send(Instruction::Ping.encode(id, out).ok()?, Some(expected), now);
         }
@@ -232,7 +232,7 @@ impl Bridge {
             Job::Servo(id) => {
                 let servo = self.roster.get_mut(id)?;
                 let (packet, expected) = servo.request(out).ok()?;
-                self.purpose = Some(Purpose::Servo(id, servo.stage()));
+                self.purpose = Some(Purpose::Servo(id, servo.stage));
                 self.bus.send(packet, Some(expected), now)
             }
             Job::Goals(block) => {
@@ -245,13 +245,13 @@ impl Bridge {
 
     /// Who is to be sent a PING now, if anybody.
     fn whom_to_ping(&mut self, now: Instant) -> Option<Id> {
-        if now < self.search.due() {
+        if now < self.search.due {
             return None;
         }
         if self.search.ends() {
             self.pc.begin(now);
         }
-        if self.search.is_watch() && self.roster.is_full() {
+        if self.search.is_watch && self.roster.is_full() {
             return None;
         }
         self.search.next(|id| self.roster.knows(id))
@@ -284,7 +284,7 @@ impl Bridge {
                 self.cycle.served(id);
                 let Some(servo) = self.roster.get_mut(id) else { return };
                 if servo.conclude(asked, outcome, now) {
-                    if self.pc.is_silent() {
+                    if self.pc.silent {
                         servo.withdraw_goal();
                     }
                     self.pc.tell_news(now);

@@ -9,9 +9,9 @@
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Refusal, Report, params_of};
 
-use super::exchange::count;
+use super::super::count;
 use super::roster::Roster;
-use super::servo::{Servo, Standing};
+use super::servo::Standing;
 use crate::fmt::warning;
 use crate::settings::{BridgeSettings, OnSilence};
 
@@ -55,7 +55,8 @@ pub struct Pc {
     report_due: bool,
     /// When the PC was last heard, or could first have been.
     heard: Option<Instant>,
-    silent: bool,
+    /// For too long.
+    pub(super) silent: bool,
     pub(super) counters: PcCounters,
 }
 
@@ -71,11 +72,6 @@ impl Pc {
             silent: false,
             counters: PcCounters::default(),
         }
-    }
-
-    /// Whether the PC is silent for too long.
-    pub fn is_silent(&self) -> bool {
-        self.silent
     }
 
     /// The search is over: from now on the PC can make itself heard.
@@ -124,7 +120,7 @@ impl Pc {
             self.report_due = false;
             count(&mut self.counters.reports_sent, 1);
             let agreed = roster.iter().filter(|servo| servo.is_agreed());
-            Report::encode(agreed.map(Servo::feedback), out)
+            Report::encode(agreed.map(|servo| servo.feedback), out)
         } else {
             return None;
         };
@@ -215,7 +211,7 @@ fn hello<'b>(roster: &mut Roster, out: &'b mut [u8]) -> Result<&'b mut [u8], Enc
         if servo.standing == Standing::Found {
             servo.standing = Standing::Told;
         }
-        ids.push(servo.id().number()).map_err(|_| EncodeError::TooLong)?;
+        ids.push(servo.id.number()).map_err(|_| EncodeError::TooLong)?;
     }
     Hello { ids: &ids }.encode(out)
 }

@@ -97,9 +97,9 @@ pub(super) struct Arm {
     /// Since when it has lacked some of them.
     lacking_since: Option<Instant>,
     /// Times that the arm was lost while it had power; wraps.
-    lost: u32,
+    pub lost: u32,
     /// Times that the board took the servos' power; wraps.
-    power_lost: u32,
+    pub power_lost: u32,
 }
 
 impl Arm {
@@ -137,7 +137,7 @@ impl Arm {
             initialised: self.connected && !self.needs_init && self.reset_until.is_none(),
             homing: self.joints.iter().any(Joint::is_homing),
             moving: self.joints.each_ref().map(Joint::is_moving),
-            positions: self.joints.each_ref().map(Joint::position),
+            positions: self.joints.each_ref().map(|joint| joint.position),
         }
     }
 
@@ -149,16 +149,6 @@ impl Arm {
         } else {
             ArmInfo::NoArm
         }
-    }
-
-    /// Times that the arm was lost while it had power; wraps.
-    pub fn lost(&self) -> u32 {
-        self.lost
-    }
-
-    /// Times that the board took the servos' power; wraps.
-    pub fn power_lost(&self) -> u32 {
-        self.power_lost
     }
 
     /// Carries a command out, or says why not. What it asks of the board comes from

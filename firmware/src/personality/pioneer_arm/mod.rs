@@ -216,8 +216,8 @@ impl Session for PioneerArm {
     fn counters(&self) -> ArmCounters {
         ArmCounters {
             link: self.receiver.counted(self.answers.counters.link),
-            arms_lost: self.answers.arm.lost(),
-            power_lost: self.answers.arm.power_lost(),
+            arms_lost: self.answers.arm.lost,
+            power_lost: self.answers.arm.power_lost,
             arm: self.answers.arm.status(),
             ..self.answers.counters
         }
