@@ -203,32 +203,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_checksums_of_the_facts_both_parities() {
-        assert_eq!(checksum(&[0x04, 0x3B, 0x01, 0x00]), 0x053B);
-        assert_eq!(checksum(&[0x4D, 0x3B, 0x1B, 0x01]), 0x683C);
-        assert_eq!(checksum(&[0x46]), 0x0046, "one byte is an odd last byte");
-        assert_eq!(
-            checksum(&[0xFF, 0xFF, 0xFF, 0xFF, 0x0F]),
-            0xFFFE ^ 0x0F,
-            "modulo 2^16, then XOR"
-        );
-    }
-
-    #[test]
     fn a_packet_of_200_bytes_is_sent_and_one_of_201_is_not() {
         let mut out = [0; 300];
         let packet = |data| Packet { id: 1, data };
         assert_eq!(packet(&[0; 194]).encode(&mut out).unwrap().len(), 200);
         assert_eq!(packet(&[0; 195]).encode(&mut out), Err(EncodeError::TooLong));
         assert_eq!(packet(&[0; 4]).encode(&mut out[..9]), Err(EncodeError::BufferTooShort));
-    }
-
-    #[test]
-    fn counts_from_3_to_249_exist() {
-        let length = |count| Arcos::length(&[0xFA, 0xFB, count]);
-        assert_eq!(
-            (length(2), length(3), length(249), length(250)),
-            (None, Some(6), Some(252), None)
-        );
     }
 }

@@ -203,15 +203,6 @@ mod tests {
     }
 
     #[test]
-    fn no_packet_is_shorter_than_its_code_and_checksum_or_has_id_255() {
-        for len in 0..=255u8 {
-            let total = (len >= 2).then_some(usize::from(len) + 4);
-            assert_eq!(Dynamixel::length(&[0xFF, 0xFF, 1, len]), total);
-            assert_eq!(Dynamixel::length(&[0xFF, 0xFF, 0xFF, len]), None);
-        }
-    }
-
-    #[test]
     fn what_does_not_fit_is_an_error() {
         let id = Id::new(7).unwrap();
         let longest = Packet { id, code: 3, params: &[0; MAX_PARAMS] };

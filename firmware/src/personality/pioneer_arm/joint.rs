@@ -261,18 +261,6 @@ mod tests {
     }
 
     #[test]
-    fn speeds_and_positions_are_limited() {
-        let mut joint = Joint::new(JointInfo { min: 100, max: 150, ..joint().info() }, 300);
-        assert_eq!((joint.go(99, at(0)), joint.goal), (Limited(true), 100));
-        assert_eq!((joint.go(151, at(0)), joint.goal), (Limited(true), 150));
-        assert_eq!((joint.go(150, at(0)), joint.goal), (Limited(false), 150));
-        for (asked, taken) in [(0, 1), (1, 1), (127, 127), (128, 127), (255, 127)] {
-            assert_eq!(joint.set_speed(asked), Limited(asked != taken));
-            assert_eq!(joint.info().ms_per_tick, taken);
-        }
-    }
-
-    #[test]
     fn an_unhurried_way_home_is_no_faster_than_the_calibrated_speed() {
         for (speed, unhurried, steps) in [(1, true, 5), (1, false, 100), (50, true, 2)] {
             let mut joint = joint();
