@@ -8,31 +8,22 @@
 pub type Data = heapless::Vec<u8, 255>;
 
 /// Why a frame or a packet could not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum EncodeError {
     /// More than the format's length can tell, or than its longest frame or packet holds.
+    #[error("more than fits: split the command, or shorten its text")]
     TooLong,
     /// The buffer given is shorter than the frame or packet.
+    #[error("the buffer is too short for the whole of it")]
     BufferTooShort,
     /// A text holds a NUL, which would end it.
+    #[error("a text may not hold a NUL: it ends there")]
     NulInText,
     /// The value has no form on the wire: an empty list, a target out of its range.
+    #[error("the value has no form on the wire: see its documented range")]
     NotRepresentable,
 }
-
-impl core::fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "more than fits: split the command, or shorten its text",
-            Self::BufferTooShort => "the buffer is too short for the whole of it",
-            Self::NulInText => "a text may not hold a NUL: it ends there",
-            Self::NotRepresentable => "the value has no form on the wire: see its documented range",
-        })
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 /// Appends bytes to DATA.
 pub(crate) fn append(data: &mut Data, bytes: &[u8]) -> Result<(), EncodeError> {

@@ -77,18 +77,23 @@ codes! {
 }
 
 /// Why a packet that arrived intact is not carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// A command that is not the arm's. Counted apart from the others.
+    #[error("command {0} is not the arm's")]
     NotForTheArm(u8),
     /// The command needs an argument and has none.
+    #[error("command {0} needs an argument")]
     MissingArgument(u8),
     /// The argument is no whole argument, or not of the type that the command takes.
+    #[error("command {0} takes a positive integer")]
     WrongArgument(u8),
     /// A joint that does not exist.
+    #[error("joint {0} does not exist")]
     NoSuchJoint(u16),
     /// A value out of the range of its command.
+    #[error("{value} is out of range in command {number}")]
     Value {
         /// The command.
         number: u8,
@@ -96,22 +101,6 @@ pub enum Refusal {
         value: u16,
     },
 }
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotForTheArm(number) => write!(f, "command {number} is not the arm's"),
-            Self::MissingArgument(number) => write!(f, "command {number} needs an argument"),
-            Self::WrongArgument(number) => write!(f, "command {number} takes a positive integer"),
-            Self::NoSuchJoint(joint) => write!(f, "joint {joint} does not exist"),
-            Self::Value { number, value } => {
-                write!(f, "{value} is out of range in command {number}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Refusal {}
 
 /// A host's command to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

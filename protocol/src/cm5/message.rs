@@ -6,14 +6,17 @@ use super::packet::encode;
 use crate::dynamixel::{EncodeError, Register};
 
 /// Why a packet of the PC is not carried out. Nothing of it may be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// So many parameters are neither goals nor an answer for the servos there are.
+    #[error("{0} parameters are for another number of servos")]
     Length(usize),
     /// A return delay that the servo's register does not take.
+    #[error("no servo has a return delay of {0}")]
     ReturnDelay(u8),
     /// Limits that are out of range, or the wrong way round.
+    #[error("{cw} to {ccw} are no limits of a servo")]
     Limits {
         /// Clockwise.
         cw: u16,
@@ -21,6 +24,7 @@ pub enum Refusal {
         ccw: u16,
     },
     /// A goal with a value that the servo's register does not take.
+    #[error("{register} does not take {value}")]
     Goal {
         /// The register's name.
         register: &'static str,
@@ -28,19 +32,6 @@ pub enum Refusal {
         value: u16,
     },
 }
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Length(len) => write!(f, "{len} parameters are for another number of servos"),
-            Self::ReturnDelay(delay) => write!(f, "no servo has a return delay of {delay}"),
-            Self::Limits { cw, ccw } => write!(f, "{cw} to {ccw} are no limits of a servo"),
-            Self::Goal { register, value } => write!(f, "{register} does not take {value}"),
-        }
-    }
-}
-
-impl core::error::Error for Refusal {}
 
 /// CM-5 to PC: which servos there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,8 +94,8 @@ fn word(bytes: &[u8], place: usize, size: u8) -> u16 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Answer<'a> {
-    /// In 2 us, 0 to 254.
-    return_delay: u8,
+    /// Of all servos, in 2 us: 0 to 254.
+    pub return_delay: u8,
     /// Limits found to be good: of each servo, or one pair for all.
     limits: &'a [[u8; Limits::BYTES]],
 }
@@ -123,11 +114,6 @@ impl<'a> Answer<'a> {
         }
         limits.iter().try_for_each(|pair| Limits::parse(*pair).map(drop))?;
         Ok(Self { return_delay, limits })
-    }
-
-    /// Of all servos, in 2 us.
-    pub fn return_delay(&self) -> u8 {
-        self.return_delay
     }
 
     /// The limits of the servo at this place in the hello.
@@ -315,7 +301,7 @@ mod tests {
         let packet = Answer::encode(1, &[narrow, wide], &mut buffer).unwrap();
         assert_eq!(packet[..13], [0xFF, 0xFF, 0, 9, 1, 0xC8, 0x00, 0x20, 0x03, 0, 0, 0xFF, 0x03]);
         let answer = Answer::parse(params(packet), 2).unwrap();
-        assert_eq!(answer.return_delay(), 1);
+        assert_eq!(answer.return_delay, 1);
         assert_eq!([0, 1, 2].map(|k| answer.limits(k)), [Some(narrow), Some(wide), None]);
 
         let packet = Answer::encode(1, &[narrow], &mut buffer).unwrap();

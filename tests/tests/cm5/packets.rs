@@ -105,7 +105,7 @@ proptest! {
 
         let bytes = Answer::encode(return_delay, &pairs, &mut buffer).unwrap();
         let answer = Answer::parse(params_of(bytes).unwrap(), pairs.len()).unwrap();
-        prop_assert_eq!(answer.return_delay(), return_delay);
+        prop_assert_eq!(answer.return_delay, return_delay);
         let read: Vec<_> = (0..pairs.len()).filter_map(|k| answer.limits(k)).collect();
         prop_assert_eq!(read, pairs);
 
@@ -126,7 +126,7 @@ proptest! {
         let mut buffer = [0; MAX_PACKET];
         if let Ok(answer) = Answer::parse(&params, servos) {
             let pairs: Vec<_> = (0..(params.len() - 1) / 4).filter_map(|k| answer.limits(k)).collect();
-            let again = Answer::encode(answer.return_delay(), &pairs, &mut buffer).unwrap();
+            let again = Answer::encode(answer.return_delay, &pairs, &mut buffer).unwrap();
             prop_assert_eq!(params_of(again).unwrap(), &params[..]);
         }
         if let Ok(goals) = Goals::parse(&params, servos) {

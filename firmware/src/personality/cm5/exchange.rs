@@ -94,7 +94,6 @@ enum Phase {
 
 /// What the bus has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BusCounters {
     /// Requests sent.
     pub requests: u32,
@@ -196,11 +195,11 @@ impl Bus {
                             self.phase = Phase::Idle;
                             return outcome;
                         }
-                        stray(&mut self.counters, packet.len());
+                        count(&mut self.counters.stray_bytes, packet.len() as u32); // 56 at the most
                     }
                 }
                 Phase::Idle | Phase::Collision => {
-                    stray(&mut self.counters, bytes.len());
+                    count(&mut self.counters.stray_bytes, bytes.len() as u32); // far fewer than 2^32
                     self.deadline = now + QUIET;
                     *bytes = &[];
                 }
@@ -230,7 +229,7 @@ impl Bus {
     fn sent(&mut self, now: Instant) -> Option<Outcome> {
         // What is pending there was part of no answer.
         while let Some(packet) = self.receiver.give_up() {
-            stray(&mut self.counters, packet.len());
+            count(&mut self.counters.stray_bytes, packet.len() as u32); // 56 at the most
         }
         self.heard = false;
         let Some(expected) = self.expected else {
@@ -265,8 +264,4 @@ impl Expected {
         }
         Some(Outcome::Answered(Answer { errors, data, latency }))
     }
-}
-
-fn stray(counters: &mut BusCounters, bytes: usize) {
-    count(&mut counters.stray_bytes, bytes as u32); // far fewer than 2^32
 }

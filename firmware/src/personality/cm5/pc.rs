@@ -22,7 +22,6 @@ const HELLO_DISTANCE: Duration = Duration::from_millis(200);
 
 /// What the PC's side has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PcCounters {
     /// Hellos sent.
     pub hellos_sent: u32,
@@ -175,7 +174,7 @@ impl Pc {
         let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
         for (place, servo) in told.enumerate() {
             if let Some(limits) = answer.limits(place) {
-                servo.agree(answer.return_delay(), limits);
+                servo.agree(answer.return_delay, limits);
             }
         }
         // A servo found since the hello still is news.

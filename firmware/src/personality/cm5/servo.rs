@@ -59,7 +59,6 @@ pub enum Standing {
 
 /// What there is to be asked of a servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stage {
     /// Its return delay and limits, to be compared with what the PC wants.
     Check,
@@ -80,7 +79,6 @@ pub enum Stage {
 
 /// What the bridge does with a servo's motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Drive {
     /// It is left as it is: nothing is sent.
     Untouched,
@@ -121,7 +119,6 @@ impl Setup {
 
 /// What was counted of one servo. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ServoCounters {
     /// Intact answers.
     pub replies: u32,

@@ -156,10 +156,8 @@ impl Arm {
     /// arm from parking itself.
     pub fn carry_out(&mut self, command: ArmCommand, now: Instant) -> Result<Limited, Ignored> {
         self.idle_since = now;
-        if matches!(command, ArmCommand::Info | ArmCommand::Status(_)) {
-            return Ok(Limited(false));
-        }
-        if self.reset_until.is_some() {
+        let is_question = matches!(command, ArmCommand::Info | ArmCommand::Status(_));
+        if self.reset_until.is_some() && !is_question {
             return Err(Ignored::Resetting);
         }
         let mut limited = Limited(false);
