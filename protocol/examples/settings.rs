@@ -70,7 +70,8 @@ fn ask<T>(
     if is_arm {
         link.write_all(arcos::extension::encode_request(&request, &mut buffer)?)?;
         until::<Arcos, _>(link, |packet| {
-            arcos::extension::parse_answer(&Packet::parse(packet)?).and_then(&wanted)
+            let packet = Packet::parse(packet)?;
+            Answer::parse(packet.id, packet.data).and_then(&wanted)
         })
     } else {
         link.write_all(Command::Extension(request).encode(0, &mut buffer)?)?;

@@ -4,7 +4,7 @@
 //! in `id` and at most one [`Argument`] as data; what a robot sends is a *server information
 //! packet* (SIP) whose data depends on `id`. Source: facts, "Packets".
 
-use crate::data::{Data, EncodeError, append};
+use crate::data::{Data, EncodeError, Field, append};
 use crate::deframe::{Deframer, Framing};
 
 /// What every packet begins with.
@@ -151,14 +151,8 @@ impl<'a> Argument<'a> {
 
     fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match self {
-            Self::Positive(value) => {
-                append(data, &[kind::POSITIVE])?;
-                append(data, &value.to_le_bytes())
-            }
-            Self::Negative(magnitude) => {
-                append(data, &[kind::NEGATIVE])?;
-                append(data, &magnitude.to_le_bytes())
-            }
+            Self::Positive(value) => kind::POSITIVE.put(data).and_then(|()| value.put(data)),
+            Self::Negative(value) => kind::NEGATIVE.put(data).and_then(|()| value.put(data)),
             Self::Text(text) => {
                 let length = u8::try_from(text.len()).map_err(|_| EncodeError::TooLong)?;
                 append(data, &[kind::TEXT, length])?;

@@ -171,8 +171,8 @@ impl Session for PioneerArm {
     fn wakes_at(&self) -> Option<Instant> {
         let arm = Some(self.answers.arm.wakes_at());
         let looks_at = self.answers.extension.looks_at();
-        let ends = [self.answers.ends_at(), self.receiver.gives_up_at(), looks_at];
-        ends.into_iter().chain([arm]).flatten().min()
+        let times = [self.answers.ends_at(), self.receiver.gives_up_at(), looks_at, arm];
+        times.into_iter().flatten().min()
     }
 
     fn transmit<'b>(

@@ -135,10 +135,8 @@ impl Session for Pms5005 {
     }
 
     fn wakes_at(&self) -> Option<Instant> {
-        match (self.receiver.gives_up_at(), self.answers.extension.looks_at()) {
-            (Some(one), Some(other)) => Some(one.min(other)),
-            (one, other) => one.or(other),
-        }
+        let times = [self.receiver.gives_up_at(), self.answers.extension.looks_at()];
+        times.into_iter().flatten().min()
     }
 
     fn transmit<'b>(
