@@ -22,6 +22,7 @@ pub type Drive = I18F14;
 
 /// Drive of a bridge: -16384 (full reverse) to 16384 (full forward), 0 is neutral.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Duty(i16);
 
 impl Duty {
@@ -50,6 +51,7 @@ impl Duty {
 
 /// Width of a servo pulse in 1/2250 ms, the protocol's resolution: 500 to 7000.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ServoPulse(u16);
 
 impl ServoPulse {

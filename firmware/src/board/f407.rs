@@ -41,9 +41,6 @@ use super::{Board, boot, drives, flash, line, motion, sensing, system};
 use crate::app::WATCHDOG_PERIOD;
 use crate::settings::store::Store;
 
-/// How this board's bridges want their duty. Change it for drivers with a direction input.
-const STAGE: Stage = Stage::LockedAntiPhase;
-
 /// The crystal.
 pub(super) const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
 
@@ -52,7 +49,8 @@ pub(super) const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillat
 pub(super) const LOADER_IS_SAFE: bool = true;
 
 pub(super) static DRIVES: Drives = Drives {
-    stage: STAGE,
+    // Change it for drivers with a direction input.
+    stage: Stage::LockedAntiPhase,
     enables: Lines { port: pac::GPIOE, pins: &[2, 4, 5, 6, 7, 8] },
     bridges: &[
         Pulse::advanced(pac::TIM1, 0),

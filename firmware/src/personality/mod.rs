@@ -21,7 +21,6 @@ use crate::settings::Settings;
 
 pub use extension::Boot;
 use reception::TimedReceiver;
-pub use reception::{LONGEST_FRAME, LONGEST_PAUSE};
 
 /// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task
 /// that is silent for more than 90 counts as hung (`app`).

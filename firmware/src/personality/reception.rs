@@ -10,10 +10,10 @@ use protocol::deframe::{Deframer, Framing, Reception};
 use protocol::pms5005::extension::Counters;
 
 /// How long a frame's bytes may pause.
-pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 /// How long a frame may take in all. The longest of the PMS5005, 264 bytes, takes 23 ms at 115200
 /// baud and 275 ms at 9600.
-pub const LONGEST_FRAME: Duration = Duration::from_millis(500);
+const LONGEST_FRAME: Duration = Duration::from_millis(500);
 
 /// A [`Deframer`] for frames of at most `N` bytes that gives up in time.
 pub(crate) struct TimedReceiver<F, const N: usize> {

@@ -215,6 +215,9 @@ impl ArmCommand {
     }
 
     /// Writes the whole packet into `out` and answers the part it took: 9 bytes at the most.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let (number, argument) = self.on_the_wire();
         encode_command(number, argument.map(Argument::Positive), out)

@@ -81,6 +81,9 @@ impl<'a> Packet<'a> {
     }
 
     /// Writes the packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError::TooLong`], [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let total = self.data.len().saturating_add(OVERHEAD);
         if total > MAX_SENT {

@@ -91,6 +91,9 @@ impl ArmStatus {
     pub const ID: u8 = 160;
 
     /// Writes the whole packet into `out` and answers the part it took: 14 bytes.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(
         &self,
         dialect: Dialect,

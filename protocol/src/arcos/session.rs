@@ -79,6 +79,9 @@ impl Standard {
     pub const ID: u8 = 0x32;
 
     /// Writes the whole packet into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let mut data = Data::new();
         self.put(&mut data)?;

@@ -141,6 +141,9 @@ pub struct SyncWriter<'b> {
 impl<'b> SyncWriter<'b> {
     /// Begins a SYNC_WRITE of `len` bytes a servo, from register `address` on. With `len` 0 it is
     /// one that servos refuse.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`].
     pub fn new(out: &'b mut [u8], address: u8, len: u8) -> Result<Self, EncodeError> {
         let mut packet = begin(out, Id::BROADCAST, code::SYNC_WRITE)?;
         packet.append(&[address, len])?;

@@ -89,6 +89,9 @@ impl<'a> Frame<'a> {
     }
 
     /// Writes the frame into `out` and answers the part it took.
+    ///
+    /// # Errors
+    /// [`EncodeError::TooLong`], [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let len = u8::try_from(self.data.len()).map_err(|_| EncodeError::TooLong)?;
         let total = self.data.len().saturating_add(OVERHEAD);

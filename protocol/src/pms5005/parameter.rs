@@ -11,8 +11,8 @@ use crate::data::{Data, EncodeError, append, codes};
 /// Sub-command numbers (Table II.1).
 mod sub {
     pub const POLARITY: u8 = 0x06;
-    pub const POSITION_GAINS: u8 = 0x07;
-    pub const VELOCITY_GAINS: u8 = 0x08;
+    pub const POSITION_GAINS: u8 = super::Loop::Position.number();
+    pub const VELOCITY_GAINS: u8 = super::Loop::Velocity.number();
     pub const SENSOR: u8 = 0x0D;
     pub const METHOD: u8 = 0x0E;
     pub const COLLISION: u8 = 0x13;
@@ -35,14 +35,14 @@ codes! {
     }
 }
 
-/// The control loop that gains belong to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Loop {
-    /// Sub-command 07.
-    Position,
-    /// Sub-command 08.
-    Velocity,
+codes! {
+    /// The control loop that gains belong to (sub-commands 07 and 08).
+    Loop {
+        /// That of positions.
+        Position = 0x07,
+        /// That of velocities.
+        Velocity = 0x08,
+    }
 }
 
 /// A gain as it stands on the wire. What it multiplies is the controller's business.
@@ -114,16 +114,12 @@ impl Parameter {
                 append(data, &[sub::POLARITY, channel.number(), polarity.number()])
             }
             Self::Gain(channel, control_loop, gain) => {
-                let sub = match control_loop {
-                    Loop::Position => sub::POSITION_GAINS,
-                    Loop::Velocity => sub::VELOCITY_GAINS,
-                };
                 let (number, [first, second]) = match gain {
                     Gain::Proportional(kp) => (gain::PROPORTIONAL, kp.to_le_bytes()),
                     Gain::Derivative(kd) => (gain::DERIVATIVE, kd.to_le_bytes()),
                     Gain::Integral { integer, fraction } => (gain::INTEGRAL, [integer, fraction]),
                 };
-                append(data, &[sub, channel.number(), number, first, second])
+                append(data, &[control_loop.number(), channel.number(), number, first, second])
             }
             Self::Sensor(channel, sensor) => {
                 append(data, &[sub::SENSOR, channel.number(), sensor.number()])

@@ -108,6 +108,9 @@ impl Report {
 
     /// Writes the whole frame (RID 0, RES 255) into `out` and answers the part it took. A/D
     /// values above 4095 are sent as 4095, counts and speeds above 32767 as they are.
+    ///
+    /// # Errors
+    /// [`EncodeError::BufferTooShort`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let mut data = Data::new();
         match self {

@@ -50,7 +50,7 @@ mod search;
 mod servo;
 
 use embassy_time::Instant;
-use protocol::cm5::{Cm5, MAX_PACKET};
+use protocol::cm5::Cm5;
 use protocol::deframe::Reception;
 use protocol::dynamixel::{Id, Instruction};
 
@@ -64,7 +64,7 @@ use search::Search;
 
 pub use exchange::{BusCounters, MAX_REQUEST};
 pub use pc::PcCounters;
-pub use protocol::cm5::MAX_SERVOS;
+pub use protocol::cm5::{MAX_PACKET, MAX_SERVOS};
 pub use servo::{Servo, ServoCounters, Stage};
 
 /// What a bridge has counted. The counters wrap; those of a servo are with it.
@@ -105,14 +105,11 @@ pub struct Bridge {
     purpose: Option<Purpose>,
     /// The exchange under way is sent again after a collision.
     again: bool,
-    newcomers: u32,
-    without_room: u32,
+    /// What no part of it counts.
+    counters: BridgeCounters,
 }
 
 impl Bridge {
-    /// Room for the longest packet to the PC.
-    pub const MAX_PACKET: usize = MAX_PACKET;
-
     /// A bridge at boot, about to search the bus.
     pub fn new(settings: BridgeSettings, now: Instant) -> Self {
         Self {
@@ -124,8 +121,7 @@ impl Bridge {
             cycle: Cycle::new(),
             purpose: None,
             again: false,
-            newcomers: 0,
-            without_room: 0,
+            counters: BridgeCounters::default(),
         }
     }
 
@@ -136,8 +132,7 @@ impl Bridge {
             pc: self.pc.counters,
             bus: self.bus.counters(),
             cycles: self.cycle.cycles,
-            newcomers: self.newcomers,
-            without_room: self.without_room,
+            ..self.counters
         }
     }
 
@@ -179,7 +174,7 @@ impl Bridge {
     }
 
     /// The next packet to the PC, written into `out`; `None` if there is nothing to say now. Call
-    /// it whenever the line is free. `out` holds at least [`Self::MAX_PACKET`] bytes.
+    /// it whenever the line is free. `out` holds at least [`MAX_PACKET`] bytes.
     pub fn transmit<'b>(&mut self, now: Instant, out: &'b mut [u8]) -> Option<&'b [u8]> {
         self.pc.transmit(&mut self.roster, now, out)
     }
@@ -272,9 +267,9 @@ impl Bridge {
                     return;
                 };
                 match (self.roster.add(id), self.is_searching()) {
-                    (false, true) => count(&mut self.without_room, 1),
+                    (false, true) => count(&mut self.counters.without_room, 1),
                     (true, false) => {
-                        count(&mut self.newcomers, 1);
+                        count(&mut self.counters.newcomers, 1);
                         self.pc.tell_news(now);
                     }
                     _ => {}
