@@ -1,8 +1,7 @@
-//! Shows a board's settings, or sets and saves some: start the virtual board (`cargo run --release -p
-//! hal-mock`) or the virtual arm (`cargo run --release -p hal-mock -- pioneer-arm --settings FILE`),
-//! then `cargo run -p protocol --example settings [arm] [NUMBER VALUE]...`. What drives something, an
-//! arm with servo power too, refuses to save; those of an arm's joints are in force from the next
-//! start on.
+//! Shows a board's settings, or sets and saves some: start the virtual board (`cargo run --release
+//! -p hal-mock`) or the virtual arm (the same with `-- pioneer-arm --settings FILE`), then `cargo run
+//! -p protocol --example settings [arm] [NUMBER VALUE]...`. What drives something, an arm with servo
+//! power too, refuses to save; those of an arm's joints are in force from the next start on.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;

@@ -229,8 +229,8 @@ impl Drives {
         self.outputs.write(0);
     }
 
-    /// Enables the timers, which are the same on every board, and starts them: bridges neutral, servos
-    /// without pulses.
+    /// Enables the timers, which are the same on every board, and starts them: bridges neutral,
+    /// servos without pulses.
     pub fn start(&self) {
         enable_and_reset::<TIM1>();
         enable_and_reset::<TIM8>();

@@ -118,8 +118,8 @@ impl Remote {
     }
 }
 
-/// Everything that senses slowly; the slow A/D values come from the scan. Rangers and inputs that the board does not have read as nothing
-/// in range and low.
+/// Everything that senses slowly; the slow A/D values come from the scan. Rangers and inputs that the
+/// board does not have read as nothing in range and low.
 pub struct Sensing<const RANGERS: usize, const INPUTS: usize> {
     /// Infrared remote control.
     pub remote: Remote,

@@ -78,7 +78,8 @@ pub fn encode_request<'b>(
     encode_command(number, Some(Argument::Text(&data)), out)
 }
 
-/// Writes the packet of an answer, which [`Answer::parse`] reads from id and data, into `out` and answers the part it took: 78 bytes at the most.
+/// Writes an answer's packet into `out` and answers the part it took: 78 bytes at the most.
+/// [`Answer::parse`] reads it, from id and data.
 ///
 /// # Errors
 /// [`EncodeError::BufferTooShort`], and [`EncodeError::NotRepresentable`] where

@@ -37,8 +37,8 @@ impl Framing for Cm5 {
 /// Finds packets in a stream; nothing is longer than [`MAX_PACKET`].
 pub type Receiver = Deframer<Cm5, MAX_PACKET>;
 
-/// The parameters of an intact packet, as [`Receiver`] hands it out. `None` if it is too short to be
-/// one; the checksum is the receiver's business.
+/// The parameters of an intact packet, as [`Receiver`] hands it out. `None` if it is too short to
+/// be one; the checksum is the receiver's business.
 pub fn params_of(packet: &[u8]) -> Option<&[u8]> {
     packet.get(PARAMS..)?.split_last().map(|(_checksum, params)| params)
 }

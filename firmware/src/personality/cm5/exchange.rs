@@ -32,8 +32,8 @@ pub const MAX_REQUEST: usize = 143;
 /// The most that we ask for: the registers 36 to 43.
 const MAX_DATA: usize = 8;
 
-/// How long an answer may let us wait, counted from the request's last stop bit, besides its own time:
-/// the return delay may be the longest, register 5 at 254, and there may be a stall.
+/// How long an answer may let us wait, counted from the request's last stop bit, besides its own
+/// time: the return delay may be the longest, register 5 at 254, and there may be a stall.
 pub const PATIENCE: Duration = Duration::from_micros(508 + 150);
 /// 60 us instead of a stall, for whoever will ask again anyway.
 pub const BRIEF_PATIENCE: Duration = Duration::from_micros(508 + 60);
