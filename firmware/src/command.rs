@@ -17,7 +17,6 @@ pub const ENCODERS: usize = 2;
 /// Aligned, and so copied word by word: interrupts are off meanwhile, and control waits.
 #[repr(align(4))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Command {
     /// Drive DC channels. Targets are in the method's unit: sensor counts, counts per second, or
     /// raw [`Duty`](crate::units::Duty).
@@ -61,7 +60,6 @@ const _: () = assert!(size_of::<Command>() <= 36);
 /// What is too large to be queued with the commands. One at a time waits beside them, and
 /// [`Command::SetUp`] stands in its place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SetUp {
     /// Change parameters of DC channels, and the collision protection.
     Parameters(Configuration),
@@ -72,7 +70,6 @@ pub enum SetUp {
 /// The new parameters of a frame; `None` leaves one as it is. Of two values for the same the later
 /// counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Configuration {
     /// Those of each DC channel.
     pub channels: [ChannelConfiguration; CHANNELS],
@@ -82,7 +79,6 @@ pub struct Configuration {
 
 /// Those of one DC channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ChannelConfiguration {
     /// Which way the bridge is wired.
     pub polarity: Option<Polarity>,
@@ -95,7 +91,6 @@ pub struct ChannelConfiguration {
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct GainChanges {
     /// The words as on the wire.
     kp: Option<[u8; 2]>,

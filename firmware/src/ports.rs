@@ -69,7 +69,6 @@ impl Sensors {
 
 /// One DC bridge. Disabled means that it neither drives nor brakes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MotorOutput {
     /// Its drive. Neutral whenever it is disabled.
     pub duty: Duty,
@@ -123,7 +122,6 @@ pub trait LcdPort {
 
 /// What the processor can start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Program {
     /// This firmware, from its beginning.
     Firmware,

@@ -5,12 +5,12 @@
 //! use embassy_time::Duration;
 //! use hal_mock::cm5_board::{Cm5Board, Make};
 //! use hal_mock::plant::Ax12;
-//! use protocol::cm5::{Hello, Packet};
+//! use protocol::cm5::{Hello, params_of};
 //!
 //! let mut board = Cm5Board::new(Make { servos: vec![Ax12::new(7)], ..Make::default() });
 //! board.run_for(Duration::from_secs(1));
 //! let (_, packet) = board.line.host_receives().unwrap();
-//! assert_eq!(Hello::parse(Packet::parse(&packet).unwrap().params), Some(Hello { ids: &[7] }));
+//! assert_eq!(Hello::parse(params_of(&packet).unwrap()), Some(Hello { ids: &[7] }));
 //! ```
 
 use std::cell::{Cell, Ref, RefCell};

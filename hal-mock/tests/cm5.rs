@@ -9,7 +9,7 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 use program::{Board, PATIENCE, program, refused};
-use protocol::cm5::{Answer, Goal, Goals, Hello, Limits, MAX_PACKET, Packet, Receiver, Report};
+use protocol::cm5::{Answer, Goal, Goals, Hello, Limits, MAX_PACKET, Receiver, Report, params_of};
 use serde_json::json;
 
 /// The PC of a running CM-5.
@@ -32,7 +32,7 @@ impl Pc {
             assert!(count > 0, "the board has closed the link");
             let mut bytes = &buffer[..count];
             while let Some(packet) = self.receiver.receive(&mut bytes) {
-                if let Some(found) = what(Packet::parse(packet).unwrap().params) {
+                if let Some(found) = what(params_of(packet).unwrap()) {
                     return found;
                 }
             }

@@ -194,7 +194,7 @@ fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_the
     let set = Request::Set(Assignments::parse(&data).unwrap());
     for request in [set, Request::Do(Action::Save)] {
         host.stream.write_all(extension::encode_request(&request, &mut [0; 40]).unwrap()).unwrap();
-        assert_eq!(host.receive(101)[2], Verdict::Done.code(), "{request:?}");
+        assert_eq!(host.receive(101)[2], Verdict::Done.number(), "{request:?}");
     }
     drop(board);
     for (options, status) in [
@@ -207,7 +207,7 @@ fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_the
         // A save keeps what was stored, whatever the command line says.
         let save = Request::Do(Action::Save);
         host.stream.write_all(extension::encode_request(&save, &mut [0; 40]).unwrap()).unwrap();
-        assert_eq!(host.receive(101)[2], Verdict::Done.code());
+        assert_eq!(host.receive(101)[2], Verdict::Done.number());
     }
     let board = arm(&["--settings", path]);
     assert_eq!(over_tcp(&board).until(|_| true)[..4], [0, 0b0011, 127, 90]);

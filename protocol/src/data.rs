@@ -8,31 +8,22 @@
 pub type Data = heapless::Vec<u8, 255>;
 
 /// Why a frame or a packet could not be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum EncodeError {
     /// More than the format's length can tell, or than its longest frame or packet holds.
+    #[error("more than fits: split the command, or shorten its text")]
     TooLong,
     /// The buffer given is shorter than the frame or packet.
+    #[error("the buffer is too short for the whole of it")]
     BufferTooShort,
     /// A text holds a NUL, which would end it.
+    #[error("a text may not hold a NUL: it ends there")]
     NulInText,
     /// The value has no form on the wire: an empty list, a target out of its range.
+    #[error("the value has no form on the wire: see its documented range")]
     NotRepresentable,
 }
-
-impl core::fmt::Display for EncodeError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::TooLong => "more than fits: split the command, or shorten its text",
-            Self::BufferTooShort => "the buffer is too short for the whole of it",
-            Self::NulInText => "a text may not hold a NUL: it ends there",
-            Self::NotRepresentable => "the value has no form on the wire: see its documented range",
-        })
-    }
-}
-
-impl core::error::Error for EncodeError {}
 
 /// Appends bytes to DATA.
 pub(crate) fn append(data: &mut Data, bytes: &[u8]) -> Result<(), EncodeError> {
@@ -105,26 +96,29 @@ pub(crate) use record;
 
 /// Bytes of the wire that stand for one of these.
 macro_rules! codes {
-    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:literal])+ $variant:ident = $code:literal,)+ }) => {
+    ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:expr])+ $variant:ident = $number:literal,)+ }) => {
         $(#[doc = $doc])+
         ///
-        /// | code | meaning |
+        /// | number | meaning |
         /// |---|---|
-        $(#[doc = concat!("| ", $code, " | ", $($what,)+ " |")])+
+        $(#[doc = concat!("| ", $number, " | ", $($what,)+ " |")])+
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-        pub enum $name { $($(#[doc = $what])+ $variant = $code,)+ }
+        pub enum $name { $($(#[doc = $what])+ $variant = $number,)+ }
 
         impl $name {
-            /// Its code on the wire.
-            pub const fn code(self) -> u8 {
+            /// All of them, in the order of their numbers.
+            pub const ALL: &[Self] = &[$(Self::$variant),+];
+
+            /// Its number on the wire.
+            pub const fn number(self) -> u8 {
                 self as u8
             }
 
-            /// What a code stands for.
-            pub const fn from_code(code: u8) -> Option<Self> {
-                match code {
-                    $($code => Some(Self::$variant),)+
+            /// What a number stands for.
+            pub const fn from_number(number: u8) -> Option<Self> {
+                match number {
+                    $($number => Some(Self::$variant),)+
                     _ => None,
                 }
             }
@@ -132,11 +126,11 @@ macro_rules! codes {
 
         impl $crate::data::Field for $name {
             fn put(&self, data: &mut $crate::data::Data) -> Result<(), $crate::data::EncodeError> {
-                self.code().put(data)
+                self.number().put(data)
             }
 
             fn take(data: &mut &[u8]) -> Option<Self> {
-                u8::take(data).and_then(Self::from_code)
+                u8::take(data).and_then(Self::from_number)
             }
         }
     };

@@ -8,7 +8,7 @@ use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::wire::Line;
 use protocol::cm5::{
-    Answer, Cm5, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Packet, Report,
+    Answer, Cm5, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Report, encode, params_of,
 };
 use protocol::dynamixel::Register;
 
@@ -61,7 +61,7 @@ impl Board for Cm5Board {
 
     /// When it came, and its parameters.
     fn received(at: Instant, packet: &[u8]) -> (Instant, Vec<u8>) {
-        (at, Packet::parse(packet).unwrap().params.to_vec())
+        (at, params_of(packet).unwrap().to_vec())
     }
 
     /// Goals are the sign of life, and they have an effect.
@@ -126,7 +126,7 @@ impl Bench {
     /// Sends a packet with these parameters.
     pub fn send(&mut self, params: &[u8]) {
         let mut buffer = [0; MAX_PACKET];
-        self.board.line.host_sends(Packet { params }.encode(&mut buffer).unwrap());
+        self.board.line.host_sends(encode([params], &mut buffer).unwrap());
     }
 
     /// Answers a hello.
@@ -217,6 +217,6 @@ impl PcHost {
 
     /// What the bridge has counted of a servo.
     pub fn counters(&self, servo: usize) -> ServoCounters {
-        self.board.bridge().servos().nth(servo).expect("a known servo").counters()
+        self.board.bridge().servos().nth(servo).expect("a known servo").counters
     }
 }

@@ -171,7 +171,7 @@ proptest! {
     #[test]
     fn packets_of_the_cm5_are_found_as_by_the_plainest_receiver(
         stream in stream::<cm5::Cm5>(|params| {
-            cm5::Packet { params }.encode(&mut [0; cm5::MAX_PACKET]).unwrap().to_vec()
+            cm5::encode([params], &mut [0; cm5::MAX_PACKET]).unwrap().to_vec()
         }),
         events in events(),
     ) {

@@ -254,8 +254,8 @@ fn settings_set_while_a_factory_reset_is_pending_are_refused_and_not_lost() {
     bench.run_ms(50);
     let told: Vec<_> =
         bench.received().into_iter().filter(|frame| frame.did == 101).map(|f| f.data).collect();
-    let busy = Verdict::Busy.code();
-    assert_eq!(told, [[7, 0x80, busy, 0, 0], [7, 0x83, Verdict::Done.code(), 0, 0]]);
+    let busy = Verdict::Busy.number();
+    assert_eq!(told, [[7, 0x80, busy, 0, 0], [7, 0x83, Verdict::Done.number(), 0, 0]]);
     assert_eq!((bench.value(32), bench.board.link().refused), (50, 1));
     assert_eq!(bench.set(&[(32, 77)]), (Verdict::Done, 0));
     assert_eq!(bench.value(32), 77);

@@ -13,8 +13,7 @@ use hal_mock::servo_bus::{Faults, Make, MasterEnd, ServoBus};
 use proptest::prelude::*;
 use protocol::deframe::Framing;
 use protocol::dynamixel::{
-    Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register, Status, StatusReceiver,
-    SyncWriter,
+    Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register, StatusReceiver, SyncWriter,
 };
 
 fn id(number: u8) -> Id {
@@ -82,12 +81,12 @@ impl Master {
         for (at_ns, byte) in self.send(packet) {
             if let Some(packet) = receiver.receive(&mut &[byte][..]) {
                 let length = packet.len() as u64;
-                let Status { id, errors, params } = Packet::parse(packet).unwrap().into();
+                let Packet { id, code, params } = Packet::parse(packet).unwrap();
                 let to_us = at_ns / 1000 - sent_us;
                 let (id, params) = (id.number(), params.to_vec());
                 answers.push(Answer {
                     id,
-                    errors,
+                    errors: Errors::from_bits(code),
                     params,
                     from_us: to_us - byte_us * length,
                     to_us,

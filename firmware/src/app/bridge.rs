@@ -31,7 +31,7 @@ use embedded_io_async::{Read, Write};
 
 use super::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
 use super::{CHUNK, LINE_DOWN};
-use crate::personality::cm5::{Bridge, MAX_REQUEST};
+use crate::personality::cm5::{Bridge, MAX_PACKET, MAX_REQUEST};
 
 /// Who must answer, for the bus's loop to feed the watchdog.
 const RECEIVE: usize = 0;
@@ -48,12 +48,6 @@ impl<M: RawMutex> BridgeChannels<M> {
     /// Nobody has come round yet.
     pub const fn new() -> Self {
         Self { roll_call: RollCall::new(BRIDGE_SILENCE), something_to_send: Signal::new() }
-    }
-
-    fn notify(&self, bridge: &RefCell<Bridge>) {
-        if bridge.borrow().sends_at() <= Instant::now() {
-            self.something_to_send.signal(());
-        }
     }
 }
 
@@ -122,7 +116,7 @@ pub async fn bridge_transmit<M: RawMutex>(
     bridge: &RefCell<Bridge>,
     channels: &BridgeChannels<M>,
 ) -> ! {
-    let mut buffer = [0; Bridge::MAX_PACKET];
+    let mut buffer = [0; MAX_PACKET];
     loop {
         channels.roll_call.answer(TRANSMIT);
         let packet = bridge.borrow_mut().transmit(Instant::now(), &mut buffer);
@@ -161,7 +155,9 @@ pub async fn bridge_bus<M: RawMutex>(
             feed();
         }
         let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
-        channels.notify(bridge);
+        if bridge.borrow().sends_at() <= Instant::now() {
+            channels.something_to_send.signal(());
+        }
         if let Some(packet) = packet {
             if bus_tx.write_all(packet).await.is_err() {
                 bridge.borrow_mut().bus_failed();

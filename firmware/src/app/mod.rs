@@ -63,13 +63,10 @@ const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64)
 const FAREWELL: Duration = Duration::from_millis(100);
 
 /// Who must answer, for control to drive and to feed the watchdog.
-#[derive(Clone, Copy)]
-enum Task {
-    Sensors,
-    Display,
-    Receive,
-    Transmit,
-}
+const SENSORS: usize = 0;
+const DISPLAY: usize = 1;
+const RECEIVE: usize = 2;
+const TRANSMIT: usize = 3;
 const TASKS: usize = 4;
 
 /// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
@@ -111,12 +108,6 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
             upkeep_done: Signal::new(),
             hold: Latest::new(false),
         }
-    }
-}
-
-impl<M: RawMutex, C: Copy> Channels<M, C> {
-    fn answer(&self, task: Task) {
-        self.roll_call.answer(task as usize);
     }
 }
 
@@ -236,7 +227,7 @@ pub async fn sensors<M: RawMutex, C: Copy>(
 ) -> ! {
     loop {
         channels.sensors.set(&port.read().await);
-        channels.answer(Task::Sensors);
+        channels.roll_call.answer(SENSORS);
     }
 }
 
@@ -246,7 +237,7 @@ pub async fn display<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
 ) -> ! {
     loop {
-        channels.answer(Task::Display);
+        channels.roll_call.answer(DISPLAY);
         let waited = with_timeout(CHECK_IN_PERIOD, channels.pictures.receive()).await;
         if let Ok(picture) = waited {
             port.show(picture.number, &picture.columns).await;
@@ -271,7 +262,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let receive = async {
         let mut buffer = [0; CHUNK];
         loop {
-            channels.answer(Task::Receive);
+            channels.roll_call.answer(RECEIVE);
             let check_in_at = Instant::now() + CHECK_IN_PERIOD;
             let until = session.borrow().wakes_at().unwrap_or(Instant::MAX).min(check_in_at);
             // Upkeep first: a line that always has bytes must not keep it waiting. And here: whoever
@@ -350,7 +341,7 @@ pub async fn link<M: RawMutex, S: Session>(
     let transmit = async {
         let mut buffer = [0; MAX_FRAME];
         loop {
-            channels.answer(Task::Transmit);
+            channels.roll_call.answer(TRANSMIT);
             channels.link.set(&session.borrow().counters());
             let snapshot = || channels.snapshot.get();
             let frame = session.borrow_mut().transmit(Instant::now(), snapshot, &mut buffer);

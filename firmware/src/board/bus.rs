@@ -33,7 +33,7 @@ use embassy_stm32::usart::{
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
+use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::drives::Lines;
 use crate::personality::cm5::MAX_REQUEST;
@@ -140,24 +140,6 @@ impl Bus {
     }
 }
 
-/// Bytes were heard that nobody can have any more, and those before them are dropped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
-pub struct Lost;
-
-impl core::fmt::Display for Lost {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("bytes of the servo bus lost")
-    }
-}
-
-impl core::error::Error for Lost {}
-
-impl Error for Lost {
-    fn kind(&self) -> ErrorKind {
-        ErrorKind::Other
-    }
-}
-
 /// Hears the bus.
 pub struct Receiver {
     bus: &'static Bus,
@@ -166,14 +148,15 @@ pub struct Receiver {
 }
 
 impl ErrorType for Receiver {
-    type Error = Lost;
+    type Error = ErrorKind;
 }
 
 impl Read for Receiver {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Lost> {
+    /// An error: bytes were heard that nobody can have any more, and those before them are dropped.
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
         if self.bus.lost.swap(false, Ordering::Relaxed) {
             self.bus.heard.clear();
-            return Err(Lost);
+            return Err(ErrorKind::Other);
         }
         Ok(self.bus.heard.read(buffer).await)
     }

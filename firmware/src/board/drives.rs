@@ -229,8 +229,13 @@ impl Drives {
         self.outputs.write(0);
     }
 
-    /// Starts the timers, which the board has enabled: bridges neutral, servos without pulses.
+    /// Enables the timers, which are the same on every board, and starts them: bridges neutral,
+    /// servos without pulses.
     pub fn start(&self) {
+        enable_and_reset::<TIM1>();
+        enable_and_reset::<TIM8>();
+        enable_and_reset::<TIM3>();
+        enable_and_reset::<TIM12>();
         for bridge in self.bridges {
             bridge.prepare(1, PWM_PERIOD, self.stage.compare(Duty::NEUTRAL));
         }
@@ -240,6 +245,8 @@ impl Drives {
         for pulse in self.bridges.iter().chain(self.servos) {
             pulse.run();
         }
+        pac::TIM1.bdtr().modify(|w| w.set_moe(true));
+        pac::TIM8.bdtr().modify(|w| w.set_moe(true));
     }
 }
 
@@ -252,14 +259,3 @@ pub const SERVOS: &[Pulse] = &[
     Pulse::two_channel(pac::TIM12, 0),
     Pulse::two_channel(pac::TIM12, 1),
 ];
-
-/// Enables the timers, which are the same on every board, and starts them.
-pub fn start_timers(drives: &Drives) {
-    enable_and_reset::<TIM1>();
-    enable_and_reset::<TIM8>();
-    enable_and_reset::<TIM3>();
-    enable_and_reset::<TIM12>();
-    drives.start();
-    pac::TIM1.bdtr().modify(|w| w.set_moe(true));
-    pac::TIM8.bdtr().modify(|w| w.set_moe(true));
-}

@@ -33,16 +33,13 @@ use super::analog::{Addresses, Analog};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::flash::Flash;
-use super::sensing::{Bank, Ranger, Remote};
+use super::sensing::{Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
 use super::{Board, boot, drives, flash, line, motion, sensing, system};
 use crate::app::WATCHDOG_PERIOD;
 use crate::settings::store::Store;
-
-/// How this board's bridges want their duty. Change it for drivers with a direction input.
-const STAGE: Stage = Stage::LockedAntiPhase;
 
 /// The crystal.
 pub(super) const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillator };
@@ -52,7 +49,8 @@ pub(super) const CLOCK: Hse = Hse { freq: Hertz::mhz(8), mode: HseMode::Oscillat
 pub(super) const LOADER_IS_SAFE: bool = true;
 
 pub(super) static DRIVES: Drives = Drives {
-    stage: STAGE,
+    // Change it for drivers with a direction input.
+    stage: Stage::LockedAntiPhase,
     enables: Lines { port: pac::GPIOE, pins: &[2, 4, 5, 6, 7, 8] },
     bridges: &[
         Pulse::advanced(pac::TIM1, 0),
@@ -119,7 +117,7 @@ pub fn start(baud: u32) -> Board {
     let watchdog = Watchdog::start(p.IWDG, WATCHDOG_PERIOD);
     let reset = boot::reset_cause();
 
-    drives::start_timers(&DRIVES);
+    DRIVES.start();
     DRIVES.bridges[0].claim::<TIM1, Ch1>(p.PE9);
     DRIVES.bridges[1].claim::<TIM1, Ch2>(p.PE11);
     DRIVES.bridges[2].claim::<TIM1, Ch3>(p.PE13);
@@ -157,7 +155,8 @@ pub fn start(baud: u32) -> Board {
         ],
     );
 
-    let bank = Bank {
+    let sensing = Sensing {
+        remote: Remote(ExtiInput::new(p.PC13, p.EXTI13, Pull::Up, Irqs)),
         rangers: [
             Ranger::new(p.PA5.into(), ExtiInput::new(p.PA1, p.EXTI1, Pull::Down, Irqs)),
             Ranger::new(p.PA6.into(), ExtiInput::new(p.PA4, p.EXTI4, Pull::Down, Irqs)),
@@ -177,20 +176,9 @@ pub fn start(baud: u32) -> Board {
             Input::new(p.PD7, Pull::Up),
         ],
     };
-    let remote = Remote(ExtiInput::new(p.PC13, p.EXTI13, Pull::Up, Irqs));
 
     let (rx, tx) = host_line!(p, baud);
     let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
     let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
-    Board {
-        motion,
-        sensing: Sensing { remote, bank },
-        display,
-        rx,
-        tx,
-        watchdog,
-        system: System(watchdog),
-        store,
-        reset,
-    }
+    Board { motion, sensing, display, rx, tx, watchdog, system: System(watchdog), store, reset }
 }

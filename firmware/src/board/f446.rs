@@ -41,7 +41,7 @@ use super::analog::{Addresses, Analog};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::flash::Flash;
-use super::sensing::{Bank, Ranger, Remote};
+use super::sensing::{Ranger, Remote};
 use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
@@ -116,7 +116,7 @@ pub fn start(baud: u32) -> Board {
     let watchdog = Watchdog::start(p.IWDG, WATCHDOG_PERIOD);
     let reset = boot::reset_cause();
 
-    drives::start_timers(&DRIVES);
+    DRIVES.start();
     DRIVES.bridges[0].claim::<TIM1, Ch1>(p.PA8);
     DRIVES.bridges[1].claim::<TIM1, Ch2>(p.PA9);
     DRIVES.bridges[2].claim::<TIM1, Ch3>(p.PA10);
@@ -147,7 +147,8 @@ pub fn start(baud: u32) -> Board {
         [const { None }; CHANNELS],
     );
 
-    let bank = Bank {
+    let sensing = Sensing {
+        remote: Remote(ExtiInput::new(p.PD2, p.EXTI2, Pull::Up, Irqs)),
         rangers: [
             Ranger::new(p.PA0.into(), ExtiInput::new(p.PA1, p.EXTI1, Pull::Down, Irqs)),
             Ranger::new(p.PA6.into(), ExtiInput::new(p.PA7, p.EXTI7, Pull::Down, Irqs)),
@@ -155,20 +156,9 @@ pub fn start(baud: u32) -> Board {
         ],
         inputs: [Input::new(p.PC13, Pull::Up), Input::new(p.PC12, Pull::Up)],
     };
-    let remote = Remote(ExtiInput::new(p.PD2, p.EXTI2, Pull::Up, Irqs));
 
     let (rx, tx) = host_line!(p, baud);
     let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
     let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
-    Board {
-        motion,
-        sensing: Sensing { remote, bank },
-        display,
-        rx,
-        tx,
-        watchdog,
-        system: System(watchdog),
-        store,
-        reset,
-    }
+    Board { motion, sensing, display, rx, tx, watchdog, system: System(watchdog), store, reset }
 }

@@ -19,8 +19,7 @@ use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::{FLASH, TIM5};
 use embassy_stm32::peripherals;
 use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read,
-    check_write,
+    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
 use super::line::CORE_STOOD_STILL;
@@ -43,21 +42,6 @@ const ERRORS: u32 = 0xF2;
 /// The settings' sectors; offsets are from the first one's beginning.
 pub struct Flash(());
 
-/// Why the flash did not do what it was asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
-pub enum FlashError {
-    /// Out of bounds, or not aligned to words or sectors.
-    Place,
-    /// These error flags of the status register.
-    Failed(u32),
-}
-
-impl NorFlashError for FlashError {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
-
 impl Flash {
     pub(super) fn new(_flash: Peri<'static, peripherals::FLASH>) -> Self {
         Self(())
@@ -65,14 +49,14 @@ impl Flash {
 }
 
 impl ErrorType for Flash {
-    type Error = FlashError;
+    type Error = NorFlashErrorKind;
 }
 
 impl ReadNorFlash for Flash {
     const READ_SIZE: usize = 1;
 
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashError> {
-        check_read(self, offset, bytes.len()).map_err(|_| FlashError::Place)?;
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        check_read(self, offset, bytes.len())?;
         let from = (BEGIN + offset as usize) as *const u8;
         for (i, byte) in bytes.iter_mut().enumerate() {
             // SAFETY: flash within the checked bounds. Volatile, because erasing changes it.
@@ -90,14 +74,14 @@ impl NorFlash for Flash {
     const WRITE_SIZE: usize = 4;
     const ERASE_SIZE: usize = SECTOR;
 
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
-        check_erase(self, from, to).map_err(|_| FlashError::Place)?;
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        check_erase(self, from, to)?;
         let sectors = from / SECTOR as u32..to / SECTOR as u32;
         sectors.into_iter().try_for_each(|sector| erase(FIRST_SECTOR + sector as u8))
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
-        check_write(self, offset, bytes.len()).map_err(|_| FlashError::Place)?;
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        check_write(self, offset, bytes.len())?;
         let to = (BEGIN + offset as usize) as *mut u32;
         let (words, _) = bytes.as_chunks();
         let mut program = by_words();
@@ -114,7 +98,7 @@ impl NorFlash for Flash {
 }
 
 /// Erases a sector, with the clock stopped.
-fn erase(sector: u8) -> Result<(), FlashError> {
+fn erase(sector: u8) -> Result<(), NorFlashErrorKind> {
     let mut erase = by_words();
     erase.set_ser(true);
     erase.set_snb(sector);
@@ -139,7 +123,10 @@ fn by_words() -> Cr {
 }
 
 /// Does something with the control register unlocked and set to this, and locks it again.
-fn unlocked(control: Cr, act: impl FnOnce() -> Result<(), FlashError>) -> Result<(), FlashError> {
+fn unlocked(
+    control: Cr,
+    act: impl FnOnce() -> Result<(), NorFlashErrorKind>,
+) -> Result<(), NorFlashErrorKind> {
     if FLASH.cr().read().lock() {
         FLASH.keyr().write_value(KEY1);
         FLASH.keyr().write_value(KEY2);
@@ -152,15 +139,12 @@ fn unlocked(control: Cr, act: impl FnOnce() -> Result<(), FlashError>) -> Result
 }
 
 /// Waits until the flash has done what it was told. Were it never to, the watchdog would bite.
-fn finished() -> Result<(), FlashError> {
+fn finished() -> Result<(), NorFlashErrorKind> {
     asm::dsb();
     loop {
         let status = FLASH.sr().read();
         if !status.bsy() {
-            return match status.0 & ERRORS {
-                0 => Ok(()),
-                errors => Err(FlashError::Failed(errors)),
-            };
+            return if status.0 & ERRORS == 0 { Ok(()) } else { Err(NorFlashErrorKind::Other) };
         }
     }
 }

@@ -65,7 +65,7 @@ mod real {
     pub use embassy_stm32::usart::InterruptHandler;
     use embassy_stm32::usart::{self, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx};
     use embassy_time::{Duration, Timer};
-    use embedded_io_async::{Error, ErrorKind, ErrorType, Read, Write};
+    use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
     use super::super::dma::{Round, Stream};
     use super::{CORE_STOOD_STILL, Parts, RING, config};
@@ -105,32 +105,6 @@ mod real {
         (Receiver { registers, stream, tail: 0, damaged: false, _uart: rx }, Sender(tx))
     }
 
-    /// What can happen to what the host sends.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
-    pub enum LineError {
-        /// The ring was full: what was in it is dropped.
-        Overrun,
-        /// Noise, a framing error, or a byte that the DMA was too late for.
-        Damaged,
-    }
-
-    impl core::fmt::Display for LineError {
-        fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-            f.write_str(match self {
-                Self::Overrun => "receive ring overrun",
-                Self::Damaged => "line damaged",
-            })
-        }
-    }
-
-    impl core::error::Error for LineError {}
-
-    impl Error for LineError {
-        fn kind(&self) -> ErrorKind {
-            ErrorKind::Other
-        }
-    }
-
     /// The receiving half.
     pub struct Receiver {
         registers: Usart,
@@ -145,13 +119,14 @@ mod real {
     }
 
     impl Receiver {
-        /// Takes what has arrived.
-        fn take(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
+        /// Takes what has arrived. Errors are noise, a framing error or a byte that the DMA was too
+        /// late for, and a ring that was full: what was in it is dropped.
+        fn take(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
             // Reading the status alone clears nothing; the DMA's next reading of the data does.
             let status = self.registers.sr().read();
             let damaged = status.fe() || status.ne() || status.ore();
             if damaged && !core::mem::replace(&mut self.damaged, damaged) {
-                return Err(LineError::Damaged);
+                return Err(ErrorKind::InvalidData);
             }
             self.damaged = damaged;
             // The flag first: if the DMA comes round in between, the flag stays for the next look,
@@ -166,7 +141,7 @@ mod real {
             } else if came_round {
                 self.stream.clear_flags();
                 self.tail = head;
-                return Err(LineError::Overrun);
+                return Err(ErrorKind::OutOfMemory);
             }
             let mut count = 0;
             for byte in buffer {
@@ -182,11 +157,11 @@ mod real {
     }
 
     impl ErrorType for Receiver {
-        type Error = LineError;
+        type Error = ErrorKind;
     }
 
     impl Read for Receiver {
-        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
+        async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
             loop {
                 match self.take(buffer)? {
                     0 => Timer::after(LOOK_PERIOD).await,

@@ -118,17 +118,11 @@ impl Remote {
     }
 }
 
-/// Everything that senses slowly. Rangers and inputs that the board does not have read as nothing
-/// in range and low.
+/// Everything that senses slowly; the slow A/D values come from the scan. Rangers and inputs that the
+/// board does not have read as nothing in range and low.
 pub struct Sensing<const RANGERS: usize, const INPUTS: usize> {
     /// Infrared remote control.
     pub remote: Remote,
-    /// The rest.
-    pub bank: Bank<RANGERS, INPUTS>,
-}
-
-/// Rangers and inputs; the slow A/D values come from the scan.
-pub struct Bank<const RANGERS: usize, const INPUTS: usize> {
     /// Fired in turn, the first up to six.
     pub rangers: [Ranger; RANGERS],
     /// Input port, bit 0 is input 0, up to eight.
@@ -139,36 +133,34 @@ impl<const RANGERS: usize, const INPUTS: usize> Sensing<RANGERS, INPUTS> {
     /// The task: readings into `channels`, for ever.
     pub async fn run<M: RawMutex, C: Copy>(&mut self, channels: &Channels<M, C>) -> ! {
         let key = Cell::new(Key::NONE);
-        let mut port = Port { bank: &mut self.bank, key: &key, turn: 0, last: Sensors::UNKNOWN };
-        join(app::sensors(&mut port, channels), self.remote.listen(&key)).await;
+        let Self { remote, rangers, inputs } = self;
+        let mut port = Port { rangers, inputs, key: &key, turn: 0, last: Sensors::UNKNOWN };
+        join(app::sensors(&mut port, channels), remote.listen(&key)).await;
         unreachable!("both are endless")
     }
 }
 
-struct Port<'a, const RANGERS: usize, const INPUTS: usize> {
-    bank: &'a mut Bank<RANGERS, INPUTS>,
+struct Port<'a> {
+    rangers: &'a mut [Ranger],
+    inputs: &'a [Input<'static>],
     key: &'a Cell<Key>,
     turn: usize,
     last: Sensors,
 }
 
-impl<const RANGERS: usize, const INPUTS: usize> SensorPort for Port<'_, RANGERS, INPUTS> {
+impl SensorPort for Port<'_> {
     /// One ranger's turn, and everything else as it is then.
     async fn read(&mut self) -> Sensors {
         let turn_ends = Timer::after(TURN);
-        let ranger = self.bank.rangers.iter_mut().zip(&mut self.last.sonar_cm).nth(self.turn);
+        let ranger = self.rangers.iter_mut().zip(&mut self.last.sonar_cm).nth(self.turn);
         if let Some((ranger, cm)) = ranger {
             *cm = ranger.range().await;
         }
-        self.turn = if self.turn + 1 < RANGERS { self.turn + 1 } else { 0 };
+        self.turn = if self.turn + 1 < self.rangers.len() { self.turn + 1 } else { 0 };
         turn_ends.await;
         self.last.ir_command = self.key.get().report();
-        self.last.gpio_in = self
-            .bank
-            .inputs
-            .iter()
-            .rev()
-            .fold(0, |bits, input| bits << 1 | u8::from(input.is_high()));
+        let bit = |bits, input: &Input<'_>| bits << 1 | u8::from(input.is_high());
+        self.last.gpio_in = self.inputs.iter().rev().fold(0, bit);
         Analog::read(&mut self.last);
         self.last
     }

@@ -50,7 +50,7 @@ impl Watchdog {
         IWDG.kr().write(|w| w.set_key(Key::ENABLE));
         IWDG.pr().write(|w| w.set_pr(PRESCALER));
         let watchdog = Self { usual: reload(period), is_debuggable: true };
-        watchdog.feed_for(ERASING);
+        watchdog.feed_for_erase();
         watchdog
     }
 
@@ -69,12 +69,8 @@ impl Watchdog {
 
     /// Feeds it for an erase.
     pub(super) fn feed_for_erase(&self) {
-        self.feed_for(ERASING);
-    }
-
-    fn feed_for(&self, counts: u16) {
         wait(); // for the one that an erase just before has given back
-        set_reload(counts);
+        set_reload(ERASING);
         wait();
         IWDG.kr().write(|w| w.set_key(Key::RESET));
     }

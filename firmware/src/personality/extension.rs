@@ -4,15 +4,17 @@
 //! What a request asks of the session is done here, and what is to be answered waits here, as a
 //! note of a few bytes; the answer itself is made when it is sent, from what is true then.
 
+use core::num::NonZeroU8;
+
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
 use protocol::pms5005::extension::{
     Action, Answer, Assignments, Counters, Fault, Health, Identity, Latched, Origin, Outcome,
     Request as Asked, ResetCause, VERSION, Verdict,
 };
-use protocol::pms5005::{Scope, did, extension};
+use protocol::pms5005::{Repeat, Scope, did, extension};
 
-use super::{Request, Upkeep, UpkeepRefused};
+use super::{Request, Upkeep, UpkeepRefused, count};
 use crate::command::{Command, SetUp};
 use crate::controller::{ShownFault, Snapshot};
 use crate::ports::Program;
@@ -51,6 +53,39 @@ impl Default for Boot {
     }
 }
 
+/// What is told again and again: telemetry, health.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stream {
+    pub repeat: Repeat,
+    /// When it is next told, unless it has stopped.
+    pub due: Instant,
+}
+
+impl Stream {
+    /// Starts or stops it. One that runs keeps its rhythm, or a host that asks often would get more
+    /// than a period allows.
+    pub fn ask(&mut self, repeat: Repeat, now: Instant) {
+        if self.repeat == Repeat::Stop {
+            self.due = self.due.max(now);
+        }
+        self.repeat = repeat;
+    }
+
+    /// When it is next to be told, if at all.
+    pub fn due_at(&self) -> Option<Instant> {
+        (self.repeat != Repeat::Stop).then_some(self.due)
+    }
+
+    /// It has been told, and is again then.
+    pub fn told(&mut self, due: Instant) {
+        if let Repeat::Times(times) = self.repeat {
+            let left = NonZeroU8::new(times.get() - 1);
+            self.repeat = left.map_or(Repeat::Stop, Repeat::Times);
+        }
+        self.due = due;
+    }
+}
+
 /// An answer that waits.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Owed {
@@ -59,13 +94,6 @@ pub(super) enum Owed {
     Counters,
     Fault(u8),
     Outcome(Outcome),
-}
-
-impl Owed {
-    /// Whether it tells that a request was refused.
-    pub(super) fn is_refusal(self) -> bool {
-        matches!(self, Self::Outcome(outcome) if outcome.verdict != Verdict::Done)
-    }
 }
 
 /// The extension's state.
@@ -164,9 +192,20 @@ impl Extension {
         is_told.then_some(Owed::Fault(*place))
     }
 
-    /// Notes an answer; whether there was room for it.
-    pub(super) fn owe(&mut self, answer: Owed) -> bool {
-        self.owed.push_back(answer).is_ok()
+    /// Notes what came of a request that could be read, if that is known already.
+    pub(super) fn settle(&mut self, answer: Option<Owed>, counters: &mut Counters) {
+        let Some(answer) = answer else { return };
+        if matches!(answer, Owed::Outcome(outcome) if outcome.verdict != Verdict::Done) {
+            count(&mut counters.refused, 1);
+        }
+        self.owe(answer, counters);
+    }
+
+    /// Notes an answer, if there is room for it.
+    pub(super) fn owe(&mut self, answer: Owed, counters: &mut Counters) {
+        if self.owed.push_back(answer).is_err() {
+            count(&mut counters.answers_dropped, 1);
+        }
     }
 
     /// Carries out a request for anything but health, which is a stream: what is to be answered,
@@ -295,25 +334,13 @@ impl Extension {
     /// How the board is now.
     pub(super) fn health(&self, now: Instant, snapshot: &Snapshot) -> Answer<'static> {
         Answer::Health(Health {
-            uptime_ms: milliseconds(now - self.booted),
+            uptime_ms: (now - self.booted).as_millis() as u32, // wraps
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
             faults: snapshot.faults.count() as u8, // 35 at the most
             periods_missed: snapshot.counters.periods_missed,
         })
     }
-}
-
-/// Milliseconds of a time; wraps. By long division, since a division of 64 bits takes an image
-/// 0.4 KB.
-fn milliseconds(time: Duration) -> u32 {
-    let us = time.as_micros();
-    let digits = [us >> 48, us >> 32, us >> 16, us].map(|digits| digits as u16);
-    let (quotient, _) = digits.into_iter().fold((0, 0), |(quotient, remainder), digit| {
-        let part = remainder << 16 | u32::from(digit);
-        ((quotient << 16) | (part / 1000), part % 1000)
-    });
-    quotient
 }
 
 /// The firmware's version.
@@ -327,22 +354,5 @@ const fn version(number: &str) -> u8 {
     match u8::from_str_radix(number, 10) {
         Ok(number) => number,
         Err(_) => panic!("each part of the version fits a byte"), // when it is compiled
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn milliseconds_are_those_of_a_division_and_wrap() {
-        let day = Duration::from_secs(24 * 3600);
-        for days in [0, 1, 49, 50, 100_000] {
-            for us in [0, 1, 999, 1000, 1001, 65_535, 65_536, 86_399_999_999] {
-                let time = day * days + Duration::from_micros(us);
-                assert_eq!(milliseconds(time), time.as_millis() as u32, "{days} days, {us} us");
-            }
-        }
-        assert_eq!(milliseconds(Duration::from_ticks(u64::MAX)), (u64::MAX / 1000) as u32);
     }
 }

@@ -20,7 +20,7 @@ use crate::ports::Program;
 use crate::settings::Settings;
 
 pub use extension::Boot;
-pub use reception::{LONGEST_FRAME, LONGEST_PAUSE, TimedReceiver};
+use reception::TimedReceiver;
 
 /// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task
 /// that is silent for more than 90 counts as hung (`app`).
@@ -50,7 +50,6 @@ pub enum Upkeep {
 
 /// Why upkeep was not done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum UpkeepRefused {
     /// A motor or a servo is on.
     OutputsOn,

@@ -10,13 +10,13 @@ use protocol::deframe::{Deframer, Framing, Reception};
 use protocol::pms5005::extension::Counters;
 
 /// How long a frame's bytes may pause.
-pub const LONGEST_PAUSE: Duration = Duration::from_millis(100);
+const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 /// How long a frame may take in all. The longest of the PMS5005, 264 bytes, takes 23 ms at 115200
 /// baud and 275 ms at 9600.
-pub const LONGEST_FRAME: Duration = Duration::from_millis(500);
+const LONGEST_FRAME: Duration = Duration::from_millis(500);
 
 /// A [`Deframer`] for frames of at most `N` bytes that gives up in time.
-pub struct TimedReceiver<F, const N: usize> {
+pub(crate) struct TimedReceiver<F, const N: usize> {
     deframer: Deframer<F, N>,
     /// When the pending candidate's first byte came, and when its last.
     candidate: Option<(Instant, Instant)>,
@@ -82,11 +82,5 @@ impl<F: Framing, const N: usize> TimedReceiver<F, N> {
         };
         self.candidate = (self.deframer.pending() > 0).then_some((first, last));
         found
-    }
-}
-
-impl<F: Framing, const N: usize> Default for TimedReceiver<F, N> {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -21,7 +21,7 @@ pub use table::{
 };
 
 /// How the two bytes of Ki are read; hosts disagree.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum KiReading {
     /// M + N/100: the manual's "integer part, fraction part" in decimal.
@@ -29,7 +29,6 @@ pub enum KiReading {
     /// M + N/256: the manual's table taken as fixed point.
     Fraction256,
     /// A 16-bit number, low byte first, divided by 100: what public hosts send.
-    #[default]
     WordHundredths,
 }
 
@@ -47,7 +46,7 @@ impl KiReading {
 
 /// The least and the greatest position that a channel may be driven to, in counts of its sensor.
 /// Two equal ones set none, the default.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SoftLimits {
     /// 0 or more.
@@ -116,11 +115,10 @@ pub(crate) fn joint_pulse(joint: &JointInfo, ticks: u8) -> i32 {
 }
 
 /// What happens when the PC of a CM-5 falls silent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnSilence {
     /// Goals and torque stay as they are; what turns endlessly is stopped. A robot that goes limp
     /// falls.
-    #[default]
     Freeze,
     /// All torque goes: for what must not hold against a hand.
     TorqueOff,
@@ -156,12 +154,6 @@ impl BridgeSettings {
     };
 }
 
-impl Default for BridgeSettings {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// All settings of a board with motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
@@ -180,10 +172,4 @@ impl Settings {
         link: LinkSettings::DEFAULT,
         arm: ArmSettings::DEFAULT,
     };
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
 }

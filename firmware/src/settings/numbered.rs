@@ -8,7 +8,6 @@ use crate::units::ServoPulse;
 
 /// Why a setting does not take a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingRefused {
     /// No setting has this number.
     NoSuchSetting(u16),

@@ -43,7 +43,6 @@ const _: () = assert!(HEADER.len() + ENTRY * COUNT < RECORD);
 
 /// Why settings were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SaveFailed;
 
 /// Some sectors of a flash, two at least.

@@ -26,9 +26,7 @@ mod end;
 use std::collections::VecDeque;
 
 use protocol::deframe::{Deframer, Framing};
-use protocol::dynamixel::{
-    Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register, Status,
-};
+use protocol::dynamixel::{Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register};
 
 use crate::plant::Ax12;
 pub use end::{MasterEnd, MasterRx, MasterTx};
@@ -375,7 +373,8 @@ impl Socket {
             Err(refusal) => (0, refusal),
         };
         self.busy_ns = now_ns + EEPROM_BYTE_NS * eeprom_bytes as u64;
-        let status = Status { id: own, errors: self.servo.errors() | refusal, params: &params };
+        let code = (self.servo.errors() | refusal).bits();
+        let status = Packet { id: own, code, params: &params };
         let answer = status.encode(&mut [0; MAX_PACKET]).expect("registers fit a packet").to_vec();
         answered.then_some(answer)
     }

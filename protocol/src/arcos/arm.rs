@@ -5,7 +5,7 @@
 
 use super::command;
 use super::packet::{Argument, BadArgument, encode_command};
-use crate::data::EncodeError;
+use crate::data::{EncodeError, codes};
 
 /// Joints of the arm, and servos: there are six.
 pub const JOINTS: usize = 6;
@@ -64,31 +64,36 @@ impl Joints {
     }
 }
 
-/// How often ARMpac is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum StatusRequest {
-    /// No more.
-    Stop,
-    /// Once.
-    Once,
-    /// One a cycle of the standard information packet, until further notice.
-    Stream,
+codes! {
+    /// How often ARMpac is asked for.
+    StatusRequest {
+        /// No more.
+        Stop = 0,
+        /// Once.
+        Once = 1,
+        /// One a cycle of the standard information packet, until further notice.
+        Stream = 2,
+    }
 }
 
 /// Why a packet that arrived intact is not carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// A command that is not the arm's. Counted apart from the others.
+    #[error("command {0} is not the arm's")]
     NotForTheArm(u8),
     /// The command needs an argument and has none.
+    #[error("command {0} needs an argument")]
     MissingArgument(u8),
     /// The argument is no whole argument, or not of the type that the command takes.
+    #[error("command {0} takes a positive integer")]
     WrongArgument(u8),
     /// A joint that does not exist.
+    #[error("joint {0} does not exist")]
     NoSuchJoint(u16),
     /// A value out of the range of its command.
+    #[error("{value} is out of range in command {number}")]
     Value {
         /// The command.
         number: u8,
@@ -96,22 +101,6 @@ pub enum Refusal {
         value: u16,
     },
 }
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::NotForTheArm(number) => write!(f, "command {number} is not the arm's"),
-            Self::MissingArgument(number) => write!(f, "command {number} needs an argument"),
-            Self::WrongArgument(number) => write!(f, "command {number} takes a positive integer"),
-            Self::NoSuchJoint(joint) => write!(f, "joint {joint} does not exist"),
-            Self::Value { number, value } => {
-                write!(f, "{value} is out of range in command {number}")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Refusal {}
 
 /// A host's command to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,12 +157,11 @@ impl ArmCommand {
         };
         Ok(match number {
             command::INFO => Self::Info,
-            command::STATUS => Self::Status(match integer()? {
-                0 => StatusRequest::Stop,
-                1 => StatusRequest::Once,
-                2 => StatusRequest::Stream,
-                value => return Err(Refusal::Value { number, value }),
-            }),
+            command::STATUS => {
+                let value = integer()?;
+                let request = u8::try_from(value).ok().and_then(StatusRequest::from_number);
+                Self::Status(request.ok_or(Refusal::Value { number, value })?)
+            }
             command::INIT => Self::Init,
             command::CHECK => Self::Check,
             command::POWER => Self::Power(match integer()? {
@@ -208,14 +196,7 @@ impl ArmCommand {
     fn on_the_wire(&self) -> (u8, Option<u16>) {
         match *self {
             Self::Info => (command::INFO, None),
-            Self::Status(request) => {
-                let request = match request {
-                    StatusRequest::Stop => 0,
-                    StatusRequest::Once => 1,
-                    StatusRequest::Stream => 2,
-                };
-                (command::STATUS, Some(request))
-            }
+            Self::Status(request) => (command::STATUS, Some(request.number().into())),
             Self::Init => (command::INIT, None),
             Self::Check => (command::CHECK, None),
             Self::Power(on) => (command::POWER, Some(on.into())),

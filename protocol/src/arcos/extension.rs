@@ -79,6 +79,7 @@ pub fn encode_request<'b>(
 }
 
 /// Writes an answer's packet into `out` and answers the part it took: 78 bytes at the most.
+/// [`Answer::parse`] reads it, from id and data.
 ///
 /// # Errors
 /// [`EncodeError::BufferTooShort`], and [`EncodeError::NotRepresentable`] where
@@ -90,9 +91,4 @@ pub fn encode_answer<'b>(
     let mut data = Data::new();
     answer.emit(&mut data).map_err(|_| EncodeError::NotRepresentable)?;
     Packet { id: answer.did(), data: &data }.encode(out)
-}
-
-/// Reads an intact packet; `None` if it is no answer of the extension.
-pub fn parse_answer<'a>(packet: &Packet<'a>) -> Option<Answer<'a>> {
-    Answer::parse(packet.id, packet.data)
 }

@@ -8,11 +8,10 @@ use super::packet::{Packet, append_text, take_text};
 use crate::data::{Data, EncodeError, Field, append, record};
 
 /// Which bits of a byte tell that joints 1 to 6 are in motion.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MotionBits {
     /// Bits 1 to 6, as the manual says.
-    #[default]
     OneToSix,
     /// Bits 0 to 5, as hosts exist that read them.
     ZeroToFive,
@@ -49,12 +48,6 @@ pub enum Dialect {
     Manual(MotionBits),
     /// ARIA's: motion in bits 1 to 6, then good, initialised, power and homing.
     Aria,
-}
-
-impl Default for Dialect {
-    fn default() -> Self {
-        Self::Manual(MotionBits::default())
-    }
 }
 
 /// Bits of the status byte: Table 4, byte 2.
@@ -199,9 +192,6 @@ impl<'a> ArmInfo<'a> {
 
     /// Writes the whole packet into `out` and answers the part it took. The count is that of the
     /// bytes: n+39 for a version whose NUL is byte n, not the n+53 that Table 3 prints.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let mut data = Data::new();
         match self {

@@ -29,9 +29,6 @@ pub struct Names<'a> {
 
 impl<'a> Names<'a> {
     /// Writes the whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let mut data = Data::new();
         for text in [self.name, self.class, self.subclass] {

@@ -2,18 +2,21 @@
 //! so whoever reads goals, an answer or a report says how many there are.
 
 use super::MAX_SERVOS;
-use super::packet::write;
+use super::packet::encode;
 use crate::dynamixel::{EncodeError, Register};
 
 /// Why a packet of the PC is not carried out. Nothing of it may be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// So many parameters are neither goals nor an answer for the servos there are.
+    #[error("{0} parameters are for another number of servos")]
     Length(usize),
     /// A return delay that the servo's register does not take.
+    #[error("no servo has a return delay of {0}")]
     ReturnDelay(u8),
     /// Limits that are out of range, or the wrong way round.
+    #[error("{cw} to {ccw} are no limits of a servo")]
     Limits {
         /// Clockwise.
         cw: u16,
@@ -21,6 +24,7 @@ pub enum Refusal {
         ccw: u16,
     },
     /// A goal with a value that the servo's register does not take.
+    #[error("{register} does not take {value}")]
     Goal {
         /// The register's name.
         register: &'static str,
@@ -28,19 +32,6 @@ pub enum Refusal {
         value: u16,
     },
 }
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::Length(len) => write!(f, "{len} parameters are for another number of servos"),
-            Self::ReturnDelay(delay) => write!(f, "no servo has a return delay of {delay}"),
-            Self::Limits { cw, ccw } => write!(f, "{cw} to {ccw} are no limits of a servo"),
-            Self::Goal { register, value } => write!(f, "{register} does not take {value}"),
-        }
-    }
-}
-
-impl core::error::Error for Refusal {}
 
 /// CM-5 to PC: which servos there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,12 +49,9 @@ impl<'a> Hello<'a> {
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         let count = u8::try_from(self.ids.len()).ok().filter(|_| self.ids.len() <= MAX_SERVOS);
-        write([&[count.ok_or(EncodeError::TooLong)?], self.ids], out)
+        encode([&[count.ok_or(EncodeError::TooLong)?], self.ids], out)
     }
 }
 
@@ -76,9 +64,6 @@ impl Limits {
     const BYTES: usize = 4;
 
     /// Limits, if a servo can have them.
-    ///
-    /// # Errors
-    /// [`Refusal::Limits`].
     pub fn new(cw: u16, ccw: u16) -> Result<Self, Refusal> {
         let ([cw_low, cw_high], [ccw_low, ccw_high]) = (cw.to_le_bytes(), ccw.to_le_bytes());
         Self::parse([cw_low, cw_high, ccw_low, ccw_high])
@@ -109,17 +94,14 @@ fn word(bytes: &[u8], place: usize, size: u8) -> u16 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Answer<'a> {
-    /// In 2 us, 0 to 254.
-    return_delay: u8,
+    /// Of all servos, in 2 us: 0 to 254.
+    pub return_delay: u8,
     /// Limits found to be good: of each servo, or one pair for all.
     limits: &'a [[u8; Limits::BYTES]],
 }
 
 impl<'a> Answer<'a> {
     /// Reads a packet's parameters as the answer to a hello of `servos` servos.
-    ///
-    /// # Errors
-    /// [`Refusal`].
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
         let bad_length = Refusal::Length(params.len());
         let (&return_delay, limits) = params.split_first().ok_or(bad_length)?;
@@ -134,11 +116,6 @@ impl<'a> Answer<'a> {
         Ok(Self { return_delay, limits })
     }
 
-    /// Of all servos, in 2 us.
-    pub fn return_delay(&self) -> u8 {
-        self.return_delay
-    }
-
     /// The limits of the servo at this place in the hello.
     pub fn limits(&self, place: usize) -> Option<Limits> {
         let place = if self.limits.len() == 1 { 0 } else { place };
@@ -147,9 +124,6 @@ impl<'a> Answer<'a> {
 
     /// Writes a whole packet into `out` and answers the part it took: with one pair of limits, it
     /// is for all servos.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(
         return_delay: u8,
         limits: &[Limits],
@@ -159,7 +133,7 @@ impl<'a> Answer<'a> {
             return Err(EncodeError::TooLong);
         }
         let limits = limits.iter().map(|limits| &limits.0[..]);
-        write(core::iter::once(&[return_delay][..]).chain(limits), out)
+        encode(core::iter::once(&[return_delay][..]).chain(limits), out)
     }
 }
 
@@ -230,9 +204,6 @@ pub struct Goals<'a>(&'a [[u8; Goal::BYTES]]);
 
 impl<'a> Goals<'a> {
     /// Reads a packet's parameters as goals for `servos` servos, at least one.
-    ///
-    /// # Errors
-    /// [`Refusal::Length`] or [`Refusal::Goal`].
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
         let (goals, []) = params.as_chunks() else { return Err(Refusal::Length(params.len())) };
         if goals.len() != servos || servos == 0 {
@@ -248,11 +219,8 @@ impl<'a> Goals<'a> {
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(goals: &[Goal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        write(goals.iter().map(|goal| goal.0), out)
+        encode(goals.iter().map(|goal| goal.0), out)
     }
 }
 
@@ -293,24 +261,24 @@ impl<'a> Report<'a> {
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode(
         feedback: impl IntoIterator<Item = Option<Feedback>>,
         out: &mut [u8],
     ) -> Result<&mut [u8], EncodeError> {
-        write(feedback.into_iter().map(|servo| servo.map_or(Feedback::STALE, |servo| servo.0)), out)
+        encode(
+            feedback.into_iter().map(|servo| servo.map_or(Feedback::STALE, |servo| servo.0)),
+            out,
+        )
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{MAX_PACKET, Packet};
+    use super::super::{MAX_PACKET, params_of};
     use super::*;
 
     fn params(packet: &[u8]) -> &[u8] {
-        Packet::parse(packet).unwrap().params
+        params_of(packet).unwrap()
     }
 
     #[test]
@@ -333,7 +301,7 @@ mod tests {
         let packet = Answer::encode(1, &[narrow, wide], &mut buffer).unwrap();
         assert_eq!(packet[..13], [0xFF, 0xFF, 0, 9, 1, 0xC8, 0x00, 0x20, 0x03, 0, 0, 0xFF, 0x03]);
         let answer = Answer::parse(params(packet), 2).unwrap();
-        assert_eq!(answer.return_delay(), 1);
+        assert_eq!(answer.return_delay, 1);
         assert_eq!([0, 1, 2].map(|k| answer.limits(k)), [Some(narrow), Some(wide), None]);
 
         let packet = Answer::encode(1, &[narrow], &mut buffer).unwrap();

@@ -29,15 +29,15 @@
 //! begins the next packet completes a sum that is right. What came of it has a length that fits
 //! nothing, and is refused; the next packet is lost unless there was silence before it.
 //!
-//! The packet and its receiver are in [`Packet`] and [`Receiver`], what the packets say in
-//! [`Hello`], [`Answer`], [`Goals`] and [`Report`].
+//! [`Receiver`] finds packets, [`params_of`] takes one apart; what they say is in [`Hello`],
+//! [`Answer`], [`Goals`] and [`Report`].
 
 mod message;
 mod packet;
 
 pub use crate::dynamixel::EncodeError;
 pub use message::{Answer, Feedback, Goal, Goals, Hello, Limits, Refusal, Report};
-pub use packet::{Cm5, MAX_PACKET, OVERHEAD, Packet, Receiver};
+pub use packet::{Cm5, MAX_PACKET, OVERHEAD, Receiver, encode, params_of};
 
 /// The most servos that a packet is made for. Their goals are 1505 bytes: 15 ms at 1 Mbaud and
 /// 0.26 s at 57,600 baud, so that even then a PC is heard several times in the second after which

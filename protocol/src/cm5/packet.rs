@@ -37,33 +37,14 @@ impl Framing for Cm5 {
 /// Finds packets in a stream; nothing is longer than [`MAX_PACKET`].
 pub type Receiver = Deframer<Cm5, MAX_PACKET>;
 
-/// A packet's parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Packet<'a> {
-    /// Any number of bytes that fits [`MAX_PACKET`].
-    pub params: &'a [u8],
+/// The parameters of an intact packet, as [`Receiver`] hands it out. `None` if it is too short to
+/// be one; the checksum is the receiver's business.
+pub fn params_of(packet: &[u8]) -> Option<&[u8]> {
+    packet.get(PARAMS..)?.split_last().map(|(_checksum, params)| params)
 }
 
-impl<'a> Packet<'a> {
-    /// Takes an intact packet apart, as [`Receiver`] hands it out. `None` if it is too short to
-    /// be one; the checksum is the receiver's business.
-    pub fn parse(packet: &'a [u8]) -> Option<Self> {
-        let (_checksum, params) = packet.get(PARAMS..)?.split_last()?;
-        Some(Self { params })
-    }
-
-    /// Writes the packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
-    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        write([self.params], out)
-    }
-}
-
-/// Writes a packet whose parameters come in parts.
-pub(super) fn write(
+/// Writes a packet, whose parameters come in parts, into `out` and answers the part it took.
+pub fn encode(
     parts: impl IntoIterator<Item: AsRef<[u8]>>,
     out: &mut [u8],
 ) -> Result<&mut [u8], EncodeError> {
@@ -80,26 +61,24 @@ mod tests {
     #[test]
     fn the_checksum_is_the_low_byte_of_the_complemented_sum() {
         // NOT(0x00 + 0x03 + 0x02 + 0x01 + 0x02) = NOT 0x08.
-        let packet = Packet { params: &[2, 1, 2] };
         let bytes = [0xFF, 0xFF, 0x00, 0x03, 0x02, 0x01, 0x02, 0xF7];
-        assert_eq!(packet.encode(&mut [0; 8]).unwrap(), bytes);
-        assert_eq!(Packet::parse(&bytes), Some(packet));
+        assert_eq!(encode([[2, 1, 2]], &mut [0; 8]).unwrap(), bytes);
+        assert_eq!(params_of(&bytes), Some(&[2, 1, 2][..]));
 
         // Len counts in the sum, both bytes of it: NOT(0x01 + 0x02 + 258 * 0xFF).
-        let long = Packet { params: &[0xFF; 258] };
         let mut buffer = [0; MAX_PACKET];
-        let bytes = long.encode(&mut buffer).unwrap();
+        let bytes = encode([[0xFF; 258]], &mut buffer).unwrap();
         assert_eq!((&bytes[..4], bytes[262]), (&[0xFF, 0xFF, 1, 2][..], 0xFE));
         assert_eq!(Receiver::new().receive(&mut &*bytes), Some(&*bytes));
     }
 
     #[test]
     fn what_does_not_fit_is_an_error() {
-        let longest = Packet { params: &[0; MAX_PACKET - OVERHEAD] };
-        assert_eq!(longest.encode(&mut [0; MAX_PACKET]).unwrap().len(), MAX_PACKET);
-        assert_eq!(longest.encode(&mut [0; MAX_PACKET - 1]), Err(EncodeError::BufferTooShort));
-        let too_long = Packet { params: &[0; MAX_PACKET - OVERHEAD + 1] };
-        assert_eq!(too_long.encode(&mut [0; 2 * MAX_PACKET]), Err(EncodeError::TooLong));
-        assert_eq!(Packet { params: &[] }.encode(&mut [0; 4]), Err(EncodeError::BufferTooShort));
+        let longest = [[0; MAX_PACKET - OVERHEAD]];
+        assert_eq!(encode(longest, &mut [0; MAX_PACKET]).unwrap().len(), MAX_PACKET);
+        assert_eq!(encode(longest, &mut [0; MAX_PACKET - 1]), Err(EncodeError::BufferTooShort));
+        let too_long = [[0; MAX_PACKET - OVERHEAD + 1]];
+        assert_eq!(encode(too_long, &mut [0; 2 * MAX_PACKET]), Err(EncodeError::TooLong));
+        assert_eq!(encode([[]; 1], &mut [0; 4]), Err(EncodeError::BufferTooShort));
     }
 }

@@ -3,7 +3,7 @@
 //! - [`Packet`] is what travels, `FF FF ID LEN CODE P... CHK`; [`InstructionReceiver`] and
 //!   [`StatusReceiver`] find it in a stream;
 //! - [`Instruction`] is what a master asks for; [`SyncWriter`] streams a SYNC_WRITE into a buffer;
-//! - [`Status`] is what a servo answers, with its [`Errors`];
+//! - [`Errors`] are what a servo answers with: its packet's CODE; what was read is its parameters;
 //! - [`Register`] is the AX-12's control table.
 //!
 //! A *master* asks, *servos* answer, one at a time: the line is one wire, so a master hears its own
@@ -11,12 +11,13 @@
 //!
 //! Source: the AX-12 manual (Robotis, 2006); where it is silent the text says so.
 
+mod errors;
 mod instruction;
 mod packet;
 mod register;
-mod status;
 
 pub use crate::data::EncodeError;
+pub use errors::Errors;
 pub use instruction::{Instruction, SyncWrite, SyncWriter};
 pub use packet::{
     Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD, Packet,
@@ -24,4 +25,3 @@ pub use packet::{
 };
 pub(crate) use packet::{Writer, sums_up};
 pub use register::{Access, REGISTER_BYTES, Register};
-pub use status::{Errors, Status};

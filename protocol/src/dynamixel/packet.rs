@@ -76,7 +76,7 @@ pub type InstructionReceiver = Deframer<Dynamixel, MAX_PACKET>;
 pub type StatusReceiver = Deframer<Dynamixel, MAX_STATUS>;
 
 /// A packet's fields. What they mean is [`Instruction`](super::Instruction)'s and
-/// [`Status`](super::Status)'s business.
+/// [`Errors`](super::Errors)'s business.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Packet<'a> {
@@ -99,9 +99,6 @@ impl<'a> Packet<'a> {
     }
 
     /// Writes the packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
     pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         write(self.id, self.code, &[self.params], out)
     }
@@ -203,15 +200,6 @@ mod tests {
         assert_eq!(Packet::parse(&packet[..5]), None);
         assert!(Dynamixel::is_intact(&packet));
         assert!(!Dynamixel::is_intact(&[0xFF, 0xFF, 0x00, 0x02, 0x00, 0xFC]));
-    }
-
-    #[test]
-    fn no_packet_is_shorter_than_its_code_and_checksum_or_has_id_255() {
-        for len in 0..=255u8 {
-            let total = (len >= 2).then_some(usize::from(len) + 4);
-            assert_eq!(Dynamixel::length(&[0xFF, 0xFF, 1, len]), total);
-            assert_eq!(Dynamixel::length(&[0xFF, 0xFF, 0xFF, len]), None);
-        }
     }
 
     #[test]

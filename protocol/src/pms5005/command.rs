@@ -59,12 +59,14 @@ impl Channel {
 
 /// Why a frame that arrived intact is not carried out. The board acknowledges it all the same:
 /// the wire has no other answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// A DID that Table II.1 does not list. Counted apart from the others.
+    #[error("DID {0} is not in Table II.1")]
     UnknownDid(u8),
     /// DATA of this many bytes fits no form of this DID.
+    #[error("{len} bytes of DATA fit no form of DID {did}")]
     Length {
         /// The DID.
         did: u8,
@@ -72,10 +74,13 @@ pub enum Refusal {
         len: usize,
     },
     /// A channel that does not exist.
+    #[error("channel {0} does not exist")]
     NoSuchChannel(u8),
     /// A channel that is listed twice.
+    #[error("channel {0} is listed twice")]
     RepeatedChannel(u8),
     /// A value out of the range of its field.
+    #[error("{value} is out of range in DID {did}")]
     Value {
         /// The DID.
         did: u8,
@@ -83,25 +88,9 @@ pub enum Refusal {
         value: u16,
     },
     /// A sub-command of DID 7 that Table II.1 does not list, or a gain other than 1 to 3.
+    #[error("sub-command {0:#04x} is not in Table II.1")]
     UnknownSubCommand(u8),
 }
-
-impl core::fmt::Display for Refusal {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match self {
-            Self::UnknownDid(did) => write!(f, "DID {did} is not in Table II.1"),
-            Self::Length { did, len } => write!(f, "{len} bytes of DATA fit no form of DID {did}"),
-            Self::NoSuchChannel(channel) => write!(f, "channel {channel} does not exist"),
-            Self::RepeatedChannel(channel) => write!(f, "channel {channel} is listed twice"),
-            Self::Value { did, value } => write!(f, "{value} is out of range in DID {did}"),
-            Self::UnknownSubCommand(byte) => {
-                write!(f, "sub-command {byte:#04x} is not in Table II.1")
-            }
-        }
-    }
-}
-
-impl core::error::Error for Refusal {}
 
 /// A sixteenth of the LCD's image (DID 23).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

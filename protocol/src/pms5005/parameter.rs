@@ -6,13 +6,13 @@
 
 use super::command::{Channel, Refusal, flag};
 use super::did;
-use crate::data::{Data, EncodeError, append};
+use crate::data::{Data, EncodeError, append, codes};
 
 /// Sub-command numbers (Table II.1).
 mod sub {
     pub const POLARITY: u8 = 0x06;
-    pub const POSITION_GAINS: u8 = 0x07;
-    pub const VELOCITY_GAINS: u8 = 0x08;
+    pub const POSITION_GAINS: u8 = super::Loop::Position.number();
+    pub const VELOCITY_GAINS: u8 = super::Loop::Velocity.number();
     pub const SENSOR: u8 = 0x0D;
     pub const METHOD: u8 = 0x0E;
     pub const COLLISION: u8 = 0x13;
@@ -25,25 +25,24 @@ mod gain {
     pub const INTEGRAL: u8 = 3;
 }
 
-/// Whether the sensor's value rises when the PWM is above 50 % (sub-command 06).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Polarity {
-    /// It rises: 1 on the wire.
-    #[default]
-    Positive = 1,
-    /// It falls: 0xFF on the wire.
-    Negative = 0xFF,
+codes! {
+    /// Whether the sensor's value rises when the PWM is above 50 % (sub-command 06).
+    Polarity {
+        /// It rises.
+        Positive = 1,
+        /// It falls.
+        Negative = 0xFF,
+    }
 }
 
-/// The control loop that gains belong to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Loop {
-    /// Sub-command 07.
-    Position,
-    /// Sub-command 08.
-    Velocity,
+codes! {
+    /// The control loop that gains belong to (sub-commands 07 and 08).
+    Loop {
+        /// That of positions.
+        Position = 0x07,
+        /// That of velocities.
+        Velocity = 0x08,
+    }
 }
 
 /// A gain as it stands on the wire. What it multiplies is the controller's business.
@@ -64,29 +63,28 @@ pub enum Gain {
     },
 }
 
-/// The sensor of a channel's control loop (sub-command 0D).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Sensor {
-    /// One potentiometer, 0 to 4095.
-    #[default]
-    SinglePotentiometer = 0,
-    /// Two potentiometers half a turn apart, 0 to 4427 and round again.
-    DualPotentiometer = 1,
-    /// A quadrature encoder, 0 to 32767 and round again.
-    Encoder = 2,
+codes! {
+    /// The sensor of a channel's control loop (sub-command 0D).
+    Sensor {
+        /// One potentiometer, 0 to 4095.
+        SinglePotentiometer = 0,
+        /// Two potentiometers half a turn apart, 0 to 4427 and round again.
+        DualPotentiometer = 1,
+        /// A quadrature encoder, 0 to 32767 and round again.
+        Encoder = 2,
+    }
 }
 
-/// How a channel is controlled (sub-command 0E).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Method {
-    /// Open loop: the PWM is the command.
-    Pwm = 0,
-    /// Closed loop on position.
-    Position = 1,
-    /// Closed loop on velocity.
-    Velocity = 2,
+codes! {
+    /// How a channel is controlled (sub-command 0E).
+    Method {
+        /// Open loop: the PWM is the command.
+        Pwm = 0,
+        /// Closed loop on position.
+        Position = 1,
+        /// Closed loop on velocity.
+        Velocity = 2,
+    }
 }
 
 /// One parameter of one channel.
@@ -113,25 +111,21 @@ impl Parameter {
     pub fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match *self {
             Self::Polarity(channel, polarity) => {
-                append(data, &[sub::POLARITY, channel.number(), polarity as u8])
+                append(data, &[sub::POLARITY, channel.number(), polarity.number()])
             }
             Self::Gain(channel, control_loop, gain) => {
-                let sub = match control_loop {
-                    Loop::Position => sub::POSITION_GAINS,
-                    Loop::Velocity => sub::VELOCITY_GAINS,
-                };
                 let (number, [first, second]) = match gain {
                     Gain::Proportional(kp) => (gain::PROPORTIONAL, kp.to_le_bytes()),
                     Gain::Derivative(kd) => (gain::DERIVATIVE, kd.to_le_bytes()),
                     Gain::Integral { integer, fraction } => (gain::INTEGRAL, [integer, fraction]),
                 };
-                append(data, &[sub, channel.number(), number, first, second])
+                append(data, &[control_loop.number(), channel.number(), number, first, second])
             }
             Self::Sensor(channel, sensor) => {
-                append(data, &[sub::SENSOR, channel.number(), sensor as u8])
+                append(data, &[sub::SENSOR, channel.number(), sensor.number()])
             }
             Self::Method(channel, method) => {
-                append(data, &[sub::METHOD, channel.number(), method as u8])
+                append(data, &[sub::METHOD, channel.number(), method.number()])
             }
             Self::CollisionProtection(on) => append(data, &[sub::COLLISION, u8::from(on)]),
         }
@@ -195,9 +189,7 @@ impl<'a> Walk<'a> {
         let (parameter, rest) = match *self.rest {
             [] => return Ok(None),
             [sub::POLARITY, channel, value, ref rest @ ..] => {
-                let known = [Polarity::Positive, Polarity::Negative];
-                let polarity = known.into_iter().find(|polarity| *polarity as u8 == value);
-                let polarity = polarity.ok_or(bad_value(value))?;
+                let polarity = Polarity::from_number(value).ok_or(bad_value(value))?;
                 (Parameter::Polarity(existing(channel)?, polarity), rest)
             }
             [sub @ (sub::POSITION_GAINS | sub::VELOCITY_GAINS), channel, ref rest @ ..] => {
@@ -213,16 +205,11 @@ impl<'a> Walk<'a> {
                 return Ok(Some(Parameter::Gain(channel, control_loop, gain)));
             }
             [sub::SENSOR, channel, value, ref rest @ ..] => {
-                let known =
-                    [Sensor::SinglePotentiometer, Sensor::DualPotentiometer, Sensor::Encoder];
-                let sensor = known.into_iter().find(|sensor| *sensor as u8 == value);
-                let sensor = sensor.ok_or(bad_value(value))?;
+                let sensor = Sensor::from_number(value).ok_or(bad_value(value))?;
                 (Parameter::Sensor(existing(channel)?, sensor), rest)
             }
             [sub::METHOD, channel, value, ref rest @ ..] => {
-                let known = [Method::Pwm, Method::Position, Method::Velocity];
-                let method = known.into_iter().find(|method| *method as u8 == value);
-                let method = method.ok_or(bad_value(value))?;
+                let method = Method::from_number(value).ok_or(bad_value(value))?;
                 (Parameter::Method(existing(channel)?, method), rest)
             }
             [sub::COLLISION, value, ref rest @ ..] => {

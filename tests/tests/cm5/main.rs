@@ -18,7 +18,7 @@ use embassy_time::{Duration, Instant};
 use firmware::personality::cm5::ServoCounters;
 use hal_mock::plant::Ax12;
 use protocol::cm5::{
-    Answer, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Packet, Receiver, Report,
+    Answer, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Receiver, Report, encode, params_of,
 };
 use protocol::dynamixel::Register;
 use tests::Link::Silent;

@@ -8,7 +8,7 @@ use proptest::sample::Index;
 use super::*;
 
 fn packet(params: &[u8]) -> Vec<u8> {
-    Packet { params }.encode(&mut [0; MAX_PACKET]).unwrap().to_vec()
+    encode([params], &mut [0; MAX_PACKET]).unwrap().to_vec()
 }
 
 /// The packets found in a stream that then falls silent.
@@ -101,20 +101,20 @@ proptest! {
         let mut buffer = [0; MAX_PACKET];
         let hello = Hello { ids: &ids };
         let bytes = hello.encode(&mut buffer).unwrap();
-        prop_assert_eq!(Hello::parse(Packet::parse(bytes).unwrap().params), Some(hello));
+        prop_assert_eq!(Hello::parse(params_of(bytes).unwrap()), Some(hello));
 
         let bytes = Answer::encode(return_delay, &pairs, &mut buffer).unwrap();
-        let answer = Answer::parse(Packet::parse(bytes).unwrap().params, pairs.len()).unwrap();
-        prop_assert_eq!(answer.return_delay(), return_delay);
+        let answer = Answer::parse(params_of(bytes).unwrap(), pairs.len()).unwrap();
+        prop_assert_eq!(answer.return_delay, return_delay);
         let read: Vec<_> = (0..pairs.len()).filter_map(|k| answer.limits(k)).collect();
         prop_assert_eq!(read, pairs);
 
         let bytes = Goals::encode(&goals, &mut buffer).unwrap();
-        let read = Goals::parse(Packet::parse(bytes).unwrap().params, goals.len()).unwrap();
+        let read = Goals::parse(params_of(bytes).unwrap(), goals.len()).unwrap();
         prop_assert_eq!(read.iter().collect::<Vec<_>>(), goals);
 
         let bytes = Report::encode(report.iter().copied(), &mut buffer).unwrap();
-        let read = Report::parse(Packet::parse(bytes).unwrap().params, report.len()).unwrap();
+        let read = Report::parse(params_of(bytes).unwrap(), report.len()).unwrap();
         prop_assert_eq!(read.iter().collect::<Vec<_>>(), report);
     }
 
@@ -126,13 +126,13 @@ proptest! {
         let mut buffer = [0; MAX_PACKET];
         if let Ok(answer) = Answer::parse(&params, servos) {
             let pairs: Vec<_> = (0..(params.len() - 1) / 4).filter_map(|k| answer.limits(k)).collect();
-            let again = Answer::encode(answer.return_delay(), &pairs, &mut buffer).unwrap();
-            prop_assert_eq!(Packet::parse(again).unwrap().params, &params[..]);
+            let again = Answer::encode(answer.return_delay, &pairs, &mut buffer).unwrap();
+            prop_assert_eq!(params_of(again).unwrap(), &params[..]);
         }
         if let Ok(goals) = Goals::parse(&params, servos) {
             let goals: Vec<_> = goals.iter().collect();
             let again = Goals::encode(&goals, &mut buffer).unwrap();
-            prop_assert_eq!(Packet::parse(again).unwrap().params, &params[..]);
+            prop_assert_eq!(params_of(again).unwrap(), &params[..]);
         }
     }
 }

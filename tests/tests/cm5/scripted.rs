@@ -4,7 +4,7 @@ use firmware::personality::cm5::{Bridge, MAX_REQUEST};
 use firmware::settings::BridgeSettings;
 use proptest::collection::vec;
 use proptest::prelude::*;
-use protocol::dynamixel::{Errors, Id, Status};
+use protocol::dynamixel::{Id, Packet};
 
 use super::*;
 
@@ -61,16 +61,13 @@ impl Script {
             self.hear(&request);
             self.hear(&bus(id, k));
         }
-        self.bridge.servos().map(|servo| servo.id().number()).collect()
+        self.bridge.servos().map(|servo| servo.id.number()).collect()
     }
 }
 
 fn status(id: u8, errors: u8) -> Vec<u8> {
     let id = Id::new(id).unwrap();
-    Status { id, errors: Errors::from_bits(errors), params: &[] }
-        .encode(&mut [0; 8])
-        .unwrap()
-        .to_vec()
+    Packet { id, code: errors, params: &[] }.encode(&mut [0; 8]).unwrap().to_vec()
 }
 
 #[test]

@@ -70,7 +70,8 @@ fn answers_are_the_pms5005s_data_in_packets_of_the_same_number() {
         let mut out = [0; 200];
         let packet = extension::encode_answer(&answer, &mut out).unwrap();
         assert_eq!(packet, bytes);
-        assert_eq!(extension::parse_answer(&Packet::parse(packet).unwrap()), Some(answer));
+        let packet = Packet::parse(packet).unwrap();
+        assert_eq!(Answer::parse(packet.id, packet.data), Some(answer));
     }
 }
 
@@ -160,7 +161,7 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
             host.run_ms(40);
             let told = host.heard(101);
             let did = if id == 101 { 7 } else { id };
-            let bad = Verdict::BadLength.code();
+            let bad = Verdict::BadLength.number();
             assert_eq!(told.packet().data, [did, 0, bad, 0, 0], "{id} {data:02x?}");
         }
     }
@@ -194,7 +195,8 @@ fn health_comes_at_once_and_then_once_a_cycle_as_often_as_it_is_asked_for() {
     host.send_bytes(&written(Request::Health(Repeat::Times(1.try_into().unwrap()))));
     host.run_ms(20);
     let told = host.heard(98);
-    let Some(Answer::Health(health)) = extension::parse_answer(&told.packet()) else { panic!() };
+    let Packet { id, data } = told.packet();
+    let Some(Answer::Health(health)) = Answer::parse(id, data) else { panic!() };
     let now = Instant::now().as_millis() as u32;
     assert!((now - 25..=now).contains(&health.uptime_ms), "{health:?} at {now}");
     assert_eq!(health.faults, 0);
@@ -304,7 +306,7 @@ fn counters_are_what_the_session_has_counted() {
     host.send(ArmCommand::Home(ALL));
     host.run_ms(20);
     let (id, data) = host.ask_raw(99, &[]);
-    let answer = extension::parse_answer(&Packet { id, data: &data });
+    let answer = Answer::parse(id, &data);
     let Some(Answer::Counters(counters)) = answer else { panic!("{answer:?}") };
     let link = host.link();
     assert_eq!((counters.unknown, counters.refused), (1, 2));

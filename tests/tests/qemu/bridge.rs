@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{Make, ServoBus};
-use protocol::cm5::{Answer, Hello, Limits, Packet, Receiver, Report};
+use protocol::cm5::{Answer, Hello, Limits, Receiver, Report, params_of};
 
 use crate::machine::Machine;
 use crate::{BSRR, IWDG, KR, SLOWLY};
@@ -46,7 +46,7 @@ fn packet<T>(machine: &Machine, receiver: &mut Receiver, wanted: impl Fn(&[u8]) 
     let deadline = Instant::now() + PATIENCE;
     while let Some(byte) = machine.byte(deadline) {
         if let Some(packet) = receiver.receive(&mut &[byte][..]) {
-            let Packet { params } = Packet::parse(packet).unwrap();
+            let params = params_of(packet).unwrap();
             if let Some(found) = wanted(params) {
                 return found;
             }

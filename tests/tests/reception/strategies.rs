@@ -67,7 +67,7 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
                 value,
                 range: (low, high),
                 default,
-                unit: Unit::from_code(unit).unwrap(),
+                unit: Unit::from_number(unit).unwrap(),
                 name,
                 member,
             }
@@ -76,8 +76,8 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
         |([major, minor, patch, extension], reset, settings)| Identity {
             version: [major, minor, patch],
             extension,
-            reset: ResetCause::from_code(reset).unwrap(),
-            settings: Origin::from_code(settings).unwrap(),
+            reset: ResetCause::from_number(reset).unwrap(),
+            settings: Origin::from_number(settings).unwrap(),
         },
     );
     let health = (any::<[u32; 2]>(), any::<[u16; 2]>(), any::<u8>()).prop_map(
@@ -96,7 +96,7 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
     });
     let outcome =
         (any::<[u8; 2]>(), codes(9), any::<u16>()).prop_map(|([did, first], verdict, setting)| {
-            Outcome { did, first, verdict: Verdict::from_code(verdict).unwrap(), setting }
+            Outcome { did, first, verdict: Verdict::from_number(verdict).unwrap(), setting }
         });
     let counters = any::<[u32; 4]>().prop_map(|[frames_ok, refused, acks_sent, links_lost]| {
         Counters { frames_ok, refused, acks_sent, links_lost, ..Counters::default() }

@@ -97,7 +97,7 @@ impl Cycle {
             let job = match self.turn {
                 Turn::Servos => {
                     let servo = roster.behind(behind).find(|servo| servo.is_due(now));
-                    servo.map(|servo| Job::Servo(servo.id()))
+                    servo.map(|servo| Job::Servo(servo.id))
                 }
                 Turn::Goals(block) => {
                     let any = roster.behind(behind).any(|servo| block.data(servo).is_some());
@@ -147,9 +147,9 @@ impl Cycle {
         let mut last = None;
         for servo in roster.behind(self.behind) {
             let Some(data) = block.data(servo) else { continue };
-            let Ok(room) = writer.servo(servo.id()) else { break };
+            let Ok(room) = writer.servo(servo.id) else { break };
             room.copy_from_slice(data);
-            last = Some(servo.id());
+            last = Some(servo.id);
         }
         Ok((writer.finish()?, last))
     }

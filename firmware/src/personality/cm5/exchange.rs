@@ -10,6 +10,8 @@
 use embassy_time::{Duration, Instant};
 use protocol::dynamixel::{Errors, Id, OVERHEAD, Packet, StatusReceiver};
 
+use super::super::count;
+
 /// A byte at 1 Mbaud.
 const BYTE: Duration = Duration::from_micros(10);
 /// Servos pause for up to 150 us in the middle of a packet (facts).
@@ -17,8 +19,6 @@ const STALL: Duration = Duration::from_micros(150);
 /// The next byte of an answer comes within a stall and its own time; some more for a board that
 /// tells of bytes late.
 const NEXT_BYTE: Duration = Duration::from_micros(180);
-/// The longest return delay, register 5 at 254.
-const LONGEST_RETURN_DELAY: Duration = Duration::from_micros(508);
 /// After a collision the line must have been quiet for a stall and a byte.
 const QUIET: Duration = NEXT_BYTE;
 /// How much later than it should an echo may be complete: boards hand over bytes in pieces.
@@ -32,29 +32,15 @@ pub const MAX_REQUEST: usize = 143;
 /// The most that we ask for: the registers 36 to 43.
 const MAX_DATA: usize = 8;
 
-/// How long an answer may let us wait, counted from the request's last stop bit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Patience {
-    /// The return delay (2 us) is known; a stall.
-    Known(u8),
-    /// It may be the longest; a stall.
-    Unknown,
-    /// It may be the longest; 60 us instead of a stall, for whoever will ask again anyway.
-    Brief,
-}
+/// How long an answer may let us wait, counted from the request's last stop bit, besides its own
+/// time: the return delay may be the longest, register 5 at 254, and there may be a stall.
+pub const PATIENCE: Duration = Duration::from_micros(508 + 150);
+/// 60 us instead of a stall, for whoever will ask again anyway.
+pub const BRIEF_PATIENCE: Duration = Duration::from_micros(508 + 60);
 
-impl Patience {
-    /// For an answer with so many bytes of data. Boards may tell of its bytes only when it is
-    /// complete, so its own time counts.
-    fn time(self, data: usize) -> Duration {
-        let packet = BYTE * (OVERHEAD + data) as u32; // 14 at most
-        packet
-            + match self {
-                Self::Known(delay) => Duration::from_micros(2 * u64::from(delay)) + STALL + BYTE,
-                Self::Unknown => LONGEST_RETURN_DELAY + STALL,
-                Self::Brief => LONGEST_RETURN_DELAY + Duration::from_micros(60),
-            }
-    }
+/// With a return delay (2 us) that is known.
+pub fn patience_with(return_delay: u8) -> Duration {
+    Duration::from_micros(2 * u64::from(return_delay)) + STALL + BYTE
 }
 
 /// How an exchange ended.
@@ -92,8 +78,8 @@ pub struct Expected {
     pub id: Id,
     /// So many bytes.
     pub data: usize,
-    /// For how long.
-    pub patience: Patience,
+    /// How long it may let us wait.
+    pub patience: Duration,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,7 +94,6 @@ enum Phase {
 
 /// What the bus has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BusCounters {
     /// Requests sent.
     pub requests: u32,
@@ -210,11 +195,11 @@ impl Bus {
                             self.phase = Phase::Idle;
                             return outcome;
                         }
-                        stray(&mut self.counters, packet.len());
+                        count(&mut self.counters.stray_bytes, packet.len() as u32); // 56 at the most
                     }
                 }
                 Phase::Idle | Phase::Collision => {
-                    stray(&mut self.counters, bytes.len());
+                    count(&mut self.counters.stray_bytes, bytes.len() as u32); // far fewer than 2^32
                     self.deadline = now + QUIET;
                     *bytes = &[];
                 }
@@ -244,7 +229,7 @@ impl Bus {
     fn sent(&mut self, now: Instant) -> Option<Outcome> {
         // What is pending there was part of no answer.
         while let Some(packet) = self.receiver.give_up() {
-            stray(&mut self.counters, packet.len());
+            count(&mut self.counters.stray_bytes, packet.len() as u32); // 56 at the most
         }
         self.heard = false;
         let Some(expected) = self.expected else {
@@ -252,7 +237,9 @@ impl Bus {
             return Some(Outcome::Sent);
         };
         self.phase = Phase::Answer(expected, now);
-        self.deadline = now + expected.patience.time(expected.data);
+        // Boards may tell of an answer's bytes only when it is complete, so its own time counts.
+        let packet = BYTE * (OVERHEAD + expected.data) as u32; // 14 at most
+        self.deadline = now + packet + expected.patience;
         self.limit = self.deadline + LONGEST_ANSWER;
         None
     }
@@ -277,13 +264,4 @@ impl Expected {
         }
         Some(Outcome::Answered(Answer { errors, data, latency }))
     }
-}
-
-fn stray(counters: &mut BusCounters, bytes: usize) {
-    count(&mut counters.stray_bytes, bytes as u32); // far fewer than 2^32
-}
-
-/// Counters wrap.
-pub fn count(counter: &mut u32, more: u32) {
-    *counter = counter.wrapping_add(more);
 }

@@ -50,21 +50,21 @@ mod search;
 mod servo;
 
 use embassy_time::Instant;
-use protocol::cm5::{Cm5, MAX_PACKET};
+use protocol::cm5::Cm5;
 use protocol::deframe::Reception;
 use protocol::dynamixel::{Id, Instruction};
 
-use super::TimedReceiver;
+use super::{TimedReceiver, count};
 use crate::settings::BridgeSettings;
 use cycle::{Cycle, Job};
-use exchange::{Bus, Expected, Outcome, Patience, count};
+use exchange::{BRIEF_PATIENCE, Bus, Expected, Outcome, PATIENCE};
 use pc::Pc;
 use roster::Roster;
 use search::Search;
 
 pub use exchange::{BusCounters, MAX_REQUEST};
 pub use pc::PcCounters;
-pub use protocol::cm5::MAX_SERVOS;
+pub use protocol::cm5::{MAX_PACKET, MAX_SERVOS};
 pub use servo::{Servo, ServoCounters, Stage};
 
 /// What a bridge has counted. The counters wrap; those of a servo are with it.
@@ -105,14 +105,11 @@ pub struct Bridge {
     purpose: Option<Purpose>,
     /// The exchange under way is sent again after a collision.
     again: bool,
-    newcomers: u32,
-    without_room: u32,
+    /// What no part of it counts.
+    counters: BridgeCounters,
 }
 
 impl Bridge {
-    /// Room for the longest packet to the PC.
-    pub const MAX_PACKET: usize = MAX_PACKET;
-
     /// A bridge at boot, about to search the bus.
     pub fn new(settings: BridgeSettings, now: Instant) -> Self {
         Self {
@@ -124,8 +121,7 @@ impl Bridge {
             cycle: Cycle::new(),
             purpose: None,
             again: false,
-            newcomers: 0,
-            without_room: 0,
+            counters: BridgeCounters::default(),
         }
     }
 
@@ -136,8 +132,7 @@ impl Bridge {
             pc: self.pc.counters,
             bus: self.bus.counters(),
             cycles: self.cycle.cycles,
-            newcomers: self.newcomers,
-            without_room: self.without_room,
+            ..self.counters
         }
     }
 
@@ -148,12 +143,12 @@ impl Bridge {
 
     /// Whether the search at boot is still on.
     pub fn is_searching(&self) -> bool {
-        !self.search.is_watch()
+        !self.search.is_watch
     }
 
     /// Whether the PC is silent for too long; before its first word, since the search was over.
     pub fn pc_is_silent(&self) -> bool {
-        self.pc.is_silent()
+        self.pc.silent
     }
 
     /// Takes bytes of the PC, and gives up on those that have waited too long for the rest.
@@ -179,7 +174,7 @@ impl Bridge {
     }
 
     /// The next packet to the PC, written into `out`; `None` if there is nothing to say now. Call
-    /// it whenever the line is free. `out` holds at least [`Self::MAX_PACKET`] bytes.
+    /// it whenever the line is free. `out` holds at least [`MAX_PACKET`] bytes.
     pub fn transmit<'b>(&mut self, now: Instant, out: &'b mut [u8]) -> Option<&'b [u8]> {
         self.pc.transmit(&mut self.roster, now, out)
     }
@@ -203,9 +198,9 @@ impl Bridge {
     pub fn bus_acts_at(&self) -> Instant {
         match self.bus.waits_until() {
             Some(until) => until,
-            None if self.is_searching() => self.search.due(),
+            None if self.is_searching() => self.search.due,
             None if self.roster.is_full() => self.cycle.rests_until(),
-            None => self.cycle.rests_until().min(self.search.due()),
+            None => self.cycle.rests_until().min(self.search.due),
         }
     }
 
@@ -221,7 +216,7 @@ impl Bridge {
         }
         if let Some(id) = self.whom_to_ping(now) {
             self.purpose = Some(Purpose::Ping);
-            let patience = if self.is_searching() { Patience::Unknown } else { Patience::Brief };
+            let patience = if self.is_searching() { PATIENCE } else { BRIEF_PATIENCE };
             let expected = Expected { id, data: 0, patience };
             return self.bus.send(Instruction::Ping.encode(id, out).ok()?, Some(expected), now);
         }
@@ -232,7 +227,7 @@ impl Bridge {
             Job::Servo(id) => {
                 let servo = self.roster.get_mut(id)?;
                 let (packet, expected) = servo.request(out).ok()?;
-                self.purpose = Some(Purpose::Servo(id, servo.stage()));
+                self.purpose = Some(Purpose::Servo(id, servo.stage));
                 self.bus.send(packet, Some(expected), now)
             }
             Job::Goals(block) => {
@@ -245,13 +240,13 @@ impl Bridge {
 
     /// Who is to be sent a PING now, if anybody.
     fn whom_to_ping(&mut self, now: Instant) -> Option<Id> {
-        if now < self.search.due() {
+        if now < self.search.due {
             return None;
         }
         if self.search.ends() {
             self.pc.begin(now);
         }
-        if self.search.is_watch() && self.roster.is_full() {
+        if self.search.is_watch && self.roster.is_full() {
             return None;
         }
         self.search.next(|id| self.roster.knows(id))
@@ -272,9 +267,9 @@ impl Bridge {
                     return;
                 };
                 match (self.roster.add(id), self.is_searching()) {
-                    (false, true) => count(&mut self.without_room, 1),
+                    (false, true) => count(&mut self.counters.without_room, 1),
                     (true, false) => {
-                        count(&mut self.newcomers, 1);
+                        count(&mut self.counters.newcomers, 1);
                         self.pc.tell_news(now);
                     }
                     _ => {}
@@ -284,7 +279,7 @@ impl Bridge {
                 self.cycle.served(id);
                 let Some(servo) = self.roster.get_mut(id) else { return };
                 if servo.conclude(asked, outcome, now) {
-                    if self.pc.is_silent() {
+                    if self.pc.silent {
                         servo.withdraw_goal();
                     }
                     self.pc.tell_news(now);

@@ -7,11 +7,11 @@
 //! that still turn, and maybe nobody who would stop them.
 
 use embassy_time::{Duration, Instant};
-use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Packet, Refusal, Report};
+use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Refusal, Report, params_of};
 
-use super::exchange::count;
+use super::super::count;
 use super::roster::Roster;
-use super::servo::{Servo, Standing};
+use super::servo::Standing;
 use crate::fmt::warning;
 use crate::settings::{BridgeSettings, OnSilence};
 
@@ -22,7 +22,6 @@ const HELLO_DISTANCE: Duration = Duration::from_millis(200);
 
 /// What the PC's side has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PcCounters {
     /// Hellos sent.
     pub hellos_sent: u32,
@@ -55,7 +54,8 @@ pub struct Pc {
     report_due: bool,
     /// When the PC was last heard, or could first have been.
     heard: Option<Instant>,
-    silent: bool,
+    /// For too long.
+    pub(super) silent: bool,
     pub(super) counters: PcCounters,
 }
 
@@ -71,11 +71,6 @@ impl Pc {
             silent: false,
             counters: PcCounters::default(),
         }
-    }
-
-    /// Whether the PC is silent for too long.
-    pub fn is_silent(&self) -> bool {
-        self.silent
     }
 
     /// The search is over: from now on the PC can make itself heard.
@@ -124,7 +119,7 @@ impl Pc {
             self.report_due = false;
             count(&mut self.counters.reports_sent, 1);
             let agreed = roster.iter().filter(|servo| servo.is_agreed());
-            Report::encode(agreed.map(Servo::feedback), out)
+            Report::encode(agreed.map(|servo| servo.feedback), out)
         } else {
             return None;
         };
@@ -133,7 +128,7 @@ impl Pc {
 
     /// Does what an intact packet asks.
     pub fn respond(&mut self, packet: &[u8], roster: &mut Roster, now: Instant) {
-        let Some(Packet { params }) = Packet::parse(packet) else { return };
+        let Some(params) = params_of(packet) else { return };
         if let Err(refusal) = self.carry_out(params, roster, now) {
             count(&mut self.counters.refused, 1);
             warning!("packet not carried out: {}", refusal);
@@ -179,7 +174,7 @@ impl Pc {
         let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
         for (place, servo) in told.enumerate() {
             if let Some(limits) = answer.limits(place) {
-                servo.agree(answer.return_delay(), limits);
+                servo.agree(answer.return_delay, limits);
             }
         }
         // A servo found since the hello still is news.
@@ -215,7 +210,7 @@ fn hello<'b>(roster: &mut Roster, out: &'b mut [u8]) -> Result<&'b mut [u8], Enc
         if servo.standing == Standing::Found {
             servo.standing = Standing::Told;
         }
-        ids.push(servo.id().number()).map_err(|_| EncodeError::TooLong)?;
+        ids.push(servo.id.number()).map_err(|_| EncodeError::TooLong)?;
     }
     Hello { ids: &ids }.encode(out)
 }

@@ -48,7 +48,7 @@ impl Roster {
 
     /// Those behind an ID; `None` is before all. New ones do not disturb such a walk.
     pub fn behind(&self, id: Option<Id>) -> impl Iterator<Item = &Servo> {
-        self.iter().filter(move |servo| id.is_none_or(|id| servo.id() > id))
+        self.iter().filter(move |servo| id.is_none_or(|id| servo.id > id))
     }
 
     /// How many the PC has agreed on.
@@ -62,6 +62,6 @@ impl Roster {
     }
 
     fn place(&self, id: Id) -> Result<usize, usize> {
-        self.0.binary_search_by_key(&id, Servo::id)
+        self.0.binary_search_by_key(&id, |servo| servo.id)
     }
 }

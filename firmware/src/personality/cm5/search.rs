@@ -15,7 +15,7 @@ use protocol::dynamixel::Id;
 /// The IDs that the search asks (page, "The Servo Search").
 const IDS: RangeInclusive<u8> = 1..=253;
 /// All IDs without a servo are asked once in this time, so that a new one is found within 5 s. One
-/// PING takes 0.69 ms (60 us, and [`Patience::Brief`](super::exchange::Patience::Brief)): 3.5 % of
+/// PING takes 0.69 ms (60 us, and [`BRIEF_PATIENCE`](super::exchange::BRIEF_PATIENCE)): 3.5 % of
 /// the bus.
 const WATCH_PERIOD: Duration = Duration::from_millis(4800);
 /// After an answer the search listens for more, so that a second one (two servos with one ID, or a
@@ -24,28 +24,20 @@ const AFTER_ANSWER: Duration = Duration::from_micros(300);
 
 /// The search at boot, and the watch that it becomes.
 pub struct Search {
-    is_watch: bool,
+    pub is_watch: bool,
     /// Whom to ask; behind the last one when the search is over.
     id: u8,
     /// What asking has brought so far.
     answers: u8,
     silences: u8,
-    due: Instant,
+    /// When the next PING may go out.
+    pub due: Instant,
     retries: u8,
 }
 
 impl Search {
     pub fn new(retries: u8, now: Instant) -> Self {
         Self { is_watch: false, id: *IDS.start(), answers: 0, silences: 0, due: now, retries }
-    }
-
-    pub fn is_watch(&self) -> bool {
-        self.is_watch
-    }
-
-    /// When the next PING may go out.
-    pub fn due(&self) -> Instant {
-        self.due
     }
 
     /// Becomes the watch if all have been asked; `true` when it does.

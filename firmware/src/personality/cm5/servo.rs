@@ -20,7 +20,8 @@ use embassy_time::{Duration, Instant};
 use protocol::cm5::{Feedback, Goal, Limits};
 use protocol::dynamixel::{EncodeError, Errors, Id, Instruction, Register};
 
-use super::exchange::{Answer, Expected, Outcome, Patience, count};
+use super::super::count;
+use super::exchange::{Answer, Expected, Outcome, PATIENCE, patience_with};
 
 /// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
 /// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in
@@ -58,7 +59,6 @@ pub enum Standing {
 
 /// What there is to be asked of a servo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Stage {
     /// Its return delay and limits, to be compared with what the PC wants.
     Check,
@@ -79,7 +79,6 @@ pub enum Stage {
 
 /// What the bridge does with a servo's motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Drive {
     /// It is left as it is: nothing is sent.
     Untouched,
@@ -97,10 +96,6 @@ impl Setup {
     fn new(return_delay: u8, limits: Limits) -> Self {
         let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
         Self([return_delay, cw_low, cw_high, ccw_low, ccw_high])
-    }
-
-    const fn return_delay(self) -> u8 {
-        self.0[0]
     }
 
     fn turns_endlessly(self) -> bool {
@@ -124,7 +119,6 @@ impl Setup {
 
 /// What was counted of one servo. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ServoCounters {
     /// Intact answers.
     pub replies: u32,
@@ -148,13 +142,14 @@ pub struct ServoCounters {
 
 /// A servo on the bus.
 pub struct Servo {
-    id: Id,
+    /// Whom it takes itself for.
+    pub id: Id,
     pub(super) standing: Standing,
     /// What the PC wants of it, once agreed.
     wanted: Option<Setup>,
     /// What it held when it was last checked.
     held: Option<Setup>,
-    stage: Stage,
+    pub(super) stage: Stage,
     /// Not before this time is it asked again.
     from: Instant,
     writes_left: u8,
@@ -164,8 +159,10 @@ pub struct Servo {
     /// The newest goal of the PC, for the next cycle.
     pub(super) ordered: Option<Goal>,
     drive: Drive,
-    feedback: Option<Feedback>,
-    counters: ServoCounters,
+    /// What it told when it was last asked; `None` if it did not answer.
+    pub feedback: Option<Feedback>,
+    /// What was counted.
+    pub counters: ServoCounters,
 }
 
 impl Servo {
@@ -187,34 +184,14 @@ impl Servo {
         }
     }
 
-    /// Whom it takes itself for.
-    pub fn id(&self) -> Id {
-        self.id
-    }
-
     /// Whether the PC has agreed on it.
     pub fn is_agreed(&self) -> bool {
         self.standing == Standing::Agreed
     }
 
-    /// What is to be asked of it.
-    pub fn stage(&self) -> Stage {
-        self.stage
-    }
-
     /// Whether it has fallen silent.
     pub fn is_missing(&self) -> bool {
         self.strikes >= STRIKES
-    }
-
-    /// What it told when it was last asked; `None` if it did not answer.
-    pub fn feedback(&self) -> Option<Feedback> {
-        self.feedback
-    }
-
-    /// What was counted.
-    pub fn counters(&self) -> ServoCounters {
-        self.counters
     }
 
     /// The PC wants it so. Nothing happens if it has wanted that before.
@@ -290,16 +267,16 @@ impl Servo {
         let read = |address, count| Instruction::Read { address, count };
         let write = |address, data| Instruction::Write { address, data };
         let (instruction, data, patience) = match self.stage {
-            Stage::Check => (read(Register::RETURN_DELAY.address, 5), 5, Patience::Unknown),
+            Stage::Check => (read(Register::RETURN_DELAY.address, 5), 5, PATIENCE),
             Stage::Write { address, count } => {
-                (write(address, self.part_of_wanted(address, count)), 0, Patience::Unknown)
+                (write(address, self.part_of_wanted(address, count)), 0, PATIENCE)
             }
-            Stage::Release => (write(TORQUE_ENABLE, &[0]), 0, Patience::Unknown),
-            Stage::Confirm => (read(TORQUE_ENABLE, 1), 1, Patience::Unknown),
+            Stage::Release => (write(TORQUE_ENABLE, &[0]), 0, PATIENCE),
+            Stage::Confirm => (read(TORQUE_ENABLE, 1), 1, PATIENCE),
             Stage::Work => (
                 read(Register::PRESENT_POSITION.address, Feedback::BYTES as u8), // 8
                 Feedback::BYTES,
-                self.wanted.map_or(Patience::Unknown, |w| Patience::Known(w.return_delay())),
+                self.wanted.map_or(PATIENCE, |wanted| patience_with(wanted.0[0])),
             ),
         };
         Ok((instruction.encode(self.id, out)?, Expected { id: self.id, data, patience }))

@@ -97,9 +97,9 @@ pub(super) struct Arm {
     /// Since when it has lacked some of them.
     lacking_since: Option<Instant>,
     /// Times that the arm was lost while it had power; wraps.
-    lost: u32,
+    pub lost: u32,
     /// Times that the board took the servos' power; wraps.
-    power_lost: u32,
+    pub power_lost: u32,
 }
 
 impl Arm {
@@ -137,7 +137,7 @@ impl Arm {
             initialised: self.connected && !self.needs_init && self.reset_until.is_none(),
             homing: self.joints.iter().any(Joint::is_homing),
             moving: self.joints.each_ref().map(Joint::is_moving),
-            positions: self.joints.each_ref().map(Joint::position),
+            positions: self.joints.each_ref().map(|joint| joint.position),
         }
     }
 
@@ -151,25 +151,13 @@ impl Arm {
         }
     }
 
-    /// Times that the arm was lost while it had power; wraps.
-    pub fn lost(&self) -> u32 {
-        self.lost
-    }
-
-    /// Times that the board took the servos' power; wraps.
-    pub fn power_lost(&self) -> u32 {
-        self.power_lost
-    }
-
     /// Carries a command out, or says why not. What it asks of the board comes from
     /// [`advance`](Self::advance), INFO and STATUS are the session's to answer; they too keep the
     /// arm from parking itself.
     pub fn carry_out(&mut self, command: ArmCommand, now: Instant) -> Result<Limited, Ignored> {
         self.idle_since = now;
-        if matches!(command, ArmCommand::Info | ArmCommand::Status(_)) {
-            return Ok(Limited(false));
-        }
-        if self.reset_until.is_some() {
+        let is_question = matches!(command, ArmCommand::Info | ArmCommand::Status(_));
+        if self.reset_until.is_some() && !is_question {
             return Err(Ignored::Resetting);
         }
         let mut limited = Limited(false);

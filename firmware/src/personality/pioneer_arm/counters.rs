@@ -5,7 +5,6 @@ use protocol::pms5005::extension::Counters;
 
 /// What a session has counted, and the arm as it last was. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ArmCounters {
     /// What any session counts. `unknown` are commands that are not the arm's, telemetry is standard
     /// information packets; what an arm does not have stays 0.

@@ -29,7 +29,8 @@ pub(super) struct Joint {
     calibration: JointInfo,
     /// SPEED.
     ms_per_tick: u8,
-    position: u8,
+    /// In ticks.
+    pub position: u8,
     goal: u8,
     /// On this way it is no faster than its calibrated speed, whatever SPEED says.
     unhurried: bool,
@@ -66,11 +67,6 @@ impl Joint {
     /// What it is like, with its speed as it is.
     pub fn info(&self) -> JointInfo {
         JointInfo { ms_per_tick: self.ms_per_tick, ..self.calibration }
-    }
-
-    /// In ticks.
-    pub fn position(&self) -> u8 {
-        self.position
     }
 
     /// Whether it is on its way.
@@ -205,7 +201,7 @@ mod tests {
 
     /// Calls a joint every `period` ms until `end`; its positions.
     fn run(joint: &mut Joint, period: usize, end: u64) -> Vec<u8> {
-        (0..=end).step_by(period).map(|ms| (joint.step(at(ms)), joint.position()).1).collect()
+        (0..=end).step_by(period).map(|ms| (joint.step(at(ms)), joint.position).1).collect()
     }
 
     #[test]
@@ -215,7 +211,7 @@ mod tests {
         joint.go(177, Instant::from_millis(0));
         assert_eq!(run(&mut joint, 1, 999).last(), Some(&176));
         joint.step(at(1000));
-        assert_eq!((joint.position(), joint.is_moving()), (177, false));
+        assert_eq!((joint.position, joint.is_moving()), (177, false));
         // A tick takes the servo 450 ms / 140.
         assert_eq!(joint.rests_at(), Some(at(1060) + Duration::from_micros(3214)));
     }
@@ -254,26 +250,14 @@ mod tests {
             joint.go(200, at(ms));
             joint.step(at(ms));
         }
-        assert_eq!(joint.position(), 177);
+        assert_eq!(joint.position, 177);
         let mut joint = super::tests::joint();
         for ms in 0..1000 {
             joint.stop();
             joint.go(200, at(ms));
             joint.step(at(ms));
         }
-        assert_eq!(joint.position(), 127, "stopped for ever");
-    }
-
-    #[test]
-    fn speeds_and_positions_are_limited() {
-        let mut joint = Joint::new(JointInfo { min: 100, max: 150, ..joint().info() }, 300);
-        assert_eq!((joint.go(99, at(0)), joint.goal), (Limited(true), 100));
-        assert_eq!((joint.go(151, at(0)), joint.goal), (Limited(true), 150));
-        assert_eq!((joint.go(150, at(0)), joint.goal), (Limited(false), 150));
-        for (asked, taken) in [(0, 1), (1, 1), (127, 127), (128, 127), (255, 127)] {
-            assert_eq!(joint.set_speed(asked), Limited(asked != taken));
-            assert_eq!(joint.info().ms_per_tick, taken);
-        }
+        assert_eq!(joint.position, 127, "stopped for ever");
     }
 
     #[test]

@@ -27,7 +27,6 @@
 
 mod arm;
 mod counters;
-mod extended;
 mod joint;
 
 use embassy_time::{Duration, Instant};
@@ -36,8 +35,9 @@ use protocol::arcos::{
     StatusRequest, command, extension,
 };
 use protocol::pms5005::Repeat;
+use protocol::pms5005::extension::{Outcome, Request as Asked};
 
-use super::extension::{Boot, Extension, Owed};
+use super::extension::{Boot, Extension, Owed, Stream};
 use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused, count};
 use crate::command::SetUp;
 use crate::controller::Snapshot;
@@ -83,9 +83,7 @@ struct Answers {
     dialect: Dialect,
     arm: Arm,
     extension: Extension,
-    /// How often health is to be told, and when next.
-    health: Repeat,
-    health_at: Instant,
+    health: Stream,
     phase: Phase,
     /// When the last intact packet came.
     heard: Instant,
@@ -112,8 +110,7 @@ impl PioneerArm {
                 dialect: settings.arm.dialect,
                 arm: Arm::new(settings.arm, now),
                 extension: Extension::new(settings, boot, now),
-                health: Repeat::Stop,
-                health_at: now,
+                health: Stream { repeat: Repeat::Stop, due: now },
                 phase: Phase::Closed,
                 heard: now,
                 syncs: 0,
@@ -174,8 +171,8 @@ impl Session for PioneerArm {
     fn wakes_at(&self) -> Option<Instant> {
         let arm = Some(self.answers.arm.wakes_at());
         let looks_at = self.answers.extension.looks_at();
-        let ends = [self.answers.ends_at(), self.receiver.gives_up_at(), looks_at];
-        ends.into_iter().chain([arm]).flatten().min()
+        let times = [self.answers.ends_at(), self.receiver.gives_up_at(), looks_at, arm];
+        times.into_iter().flatten().min()
     }
 
     fn transmit<'b>(
@@ -219,8 +216,8 @@ impl Session for PioneerArm {
     fn counters(&self) -> ArmCounters {
         ArmCounters {
             link: self.receiver.counted(self.answers.counters.link),
-            arms_lost: self.answers.arm.lost(),
-            power_lost: self.answers.arm.power_lost(),
+            arms_lost: self.answers.arm.lost,
+            power_lost: self.answers.arm.power_lost,
             arm: self.answers.arm.status(),
             ..self.answers.counters
         }
@@ -248,7 +245,7 @@ impl Answers {
             _ if self.syncs != 0 => Instant::MIN,
             Phase::Open if self.info || self.extension.owes() => Instant::MIN,
             Phase::Open => {
-                let others = [self.status_at, self.health_is_due_at()];
+                let others = [self.status_at, self.health.due_at()];
                 others.into_iter().flatten().fold(self.cycle_at, Instant::min)
             }
             Phase::Closed | Phase::Synchronised(_) => Instant::MAX,
@@ -278,8 +275,9 @@ impl Answers {
         if core::mem::take(&mut self.info) {
             return Some(Answer::Info);
         }
-        if self.health_is_due_at().is_some_and(|at| at <= now) {
-            return Some(self.say_health());
+        if self.health.due_at().is_some_and(|at| at <= now) {
+            self.health.told(self.cycle_at);
+            return Some(Answer::Health);
         }
         if let Some(owed) = self.extension.next() {
             // So that no flood of questions keeps an ARMpac from the line.
@@ -331,7 +329,7 @@ impl Answers {
         self.info = false;
         self.status_at = None;
         self.stream = false;
-        self.health = Repeat::Stop;
+        self.health.repeat = Repeat::Stop;
         self.extension.forget();
         self.arm.end_session(now);
     }
@@ -359,6 +357,26 @@ impl Answers {
             _ => count(&mut self.counters.out_of_turn, 1),
         }
         None
+    }
+
+    /// Does what a request of the extension asks of the session.
+    fn extend(&mut self, request: Result<Asked<'_>, Outcome>, now: Instant) -> Option<Request> {
+        let (answer, request) = match request {
+            Ok(Asked::Health(repeat)) => {
+                self.health.ask(repeat, now);
+                (None, None)
+            }
+            Ok(request) => self.extension.respond(request, now),
+            Err(outcome) => (Some(Owed::Outcome(outcome)), None),
+        };
+        self.settle(answer);
+        request
+    }
+
+    /// Notes an answer of the extension, if there is somebody to hear it.
+    fn settle(&mut self, answer: Option<Owed>) {
+        let answer = answer.filter(|_| self.phase == Phase::Open);
+        self.extension.settle(answer, &mut self.counters.link);
     }
 
     /// SYNC `number` has come, and these still wait for their answers.

@@ -17,8 +17,6 @@
 
 mod translate;
 
-use core::num::NonZeroU8;
-
 use embassy_time::{Duration, Instant};
 /// What a session has counted; what the controller counts stays 0 here.
 pub use protocol::pms5005::extension::Counters as LinkCounters;
@@ -28,7 +26,7 @@ use protocol::pms5005::{
     Reports,
 };
 
-use super::extension::{Boot, Extension, Owed};
+use super::extension::{Boot, Extension, Owed, Stream};
 use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused, count};
 use crate::command::{Command, Configuration, SetUp};
 use crate::controller::Snapshot;
@@ -44,14 +42,6 @@ pub const PING_PERIOD: Duration = Duration::from_millis(900);
 /// Acknowledgements that may wait. They take a second at 115200 baud, half of what a host waits
 /// for any frame at all; more of them are dropped.
 const ACKS_WAITING: u16 = 1152;
-
-/// A stream of telemetry, or of health.
-#[derive(Clone, Copy, Debug)]
-struct Stream {
-    repeat: Repeat,
-    /// When the next frame is due.
-    due: Instant,
-}
 
 /// A PMS5005 as its host sees it. See the [module](self).
 pub struct Pms5005 {
@@ -145,10 +135,8 @@ impl Session for Pms5005 {
     }
 
     fn wakes_at(&self) -> Option<Instant> {
-        match (self.receiver.gives_up_at(), self.answers.extension.looks_at()) {
-            (Some(one), Some(other)) => Some(one.min(other)),
-            (one, other) => one.or(other),
-        }
+        let times = [self.receiver.gives_up_at(), self.answers.extension.looks_at()];
+        times.into_iter().flatten().min()
     }
 
     fn transmit<'b>(
@@ -213,10 +201,7 @@ impl Answers {
             return Instant::MIN;
         }
         let ping = self.spoke.saturating_add(PING_PERIOD);
-        self.streams
-            .iter()
-            .filter(|stream| stream.repeat != Repeat::Stop)
-            .fold(ping, |earliest, stream| earliest.min(stream.due))
+        self.streams.iter().filter_map(Stream::due_at).fold(ping, Instant::min)
     }
 
     /// What is to be said first, if anything; it counts as said.
@@ -246,20 +231,16 @@ impl Answers {
     fn next_stream(&mut self, now: Instant) -> Option<Topic> {
         // At most 65.5 s.
         let period = telemetry_period(self.extension.settings()).as_ticks() as u32;
-        let is_due = |stream: &Stream| stream.repeat != Repeat::Stop && stream.due <= now;
+        let is_due = |stream: &Stream| stream.due_at().is_some_and(|at| at <= now);
         let turn = (0..TOPICS.len())
             .map(|k| (self.turn + k) % TOPICS.len())
             .find(|&turn| is_due(&self.streams[turn]))?;
         self.turn = (turn + 1) % TOPICS.len();
         let stream = &mut self.streams[turn];
-        if let Repeat::Times(times) = stream.repeat {
-            let left = NonZeroU8::new(times.get() - 1);
-            stream.repeat = left.map_or(Repeat::Stop, Repeat::Times);
-        }
         // 32 bits are over an hour; a line that was blocked for longer takes up a new rhythm.
         let late = u32::try_from((now - stream.due).as_ticks()).unwrap_or(u32::MAX);
         count(&mut self.counters.telemetry_skipped, late / period);
-        stream.due = now + Duration::from_ticks((period - late % period).into());
+        stream.told(now + Duration::from_ticks((period - late % period).into()));
         Some(TOPICS[turn])
     }
 
@@ -282,7 +263,7 @@ impl Answers {
             && owns(frame.did, frame.data)
         {
             let outcome = Outcome::of(frame.did, frame.data, refusal.into());
-            self.owe(Owed::Outcome(outcome));
+            self.extension.owe(Owed::Outcome(outcome), &mut self.counters);
         }
         match command {
             Ok(command) => self.carry_out(command, now),
@@ -360,14 +341,9 @@ impl Answers {
         }
     }
 
-    /// Starts and stops a stream. One that runs keeps its rhythm, or a host that asks often would
-    /// get more than a period allows.
     fn stream(&mut self, topic: Topic, repeat: Repeat, now: Instant) {
         for (stream, _) in self.streams.iter_mut().zip(TOPICS).filter(|(_, of)| *of == topic) {
-            if stream.repeat == Repeat::Stop {
-                stream.due = stream.due.max(now);
-            }
-            stream.repeat = repeat;
+            stream.ask(repeat, now);
         }
     }
 
@@ -377,21 +353,9 @@ impl Answers {
         self.streams.iter_mut().for_each(|stream| stream.due = stream.due.min(latest));
     }
 
-    /// Notes what came of a request that could be read, if that is known already.
+    /// Notes what is to be answered, if anything.
     fn settle(&mut self, answer: Option<Owed>) {
-        if let Some(answer) = answer {
-            if answer.is_refusal() {
-                count(&mut self.counters.refused, 1);
-            }
-            self.owe(answer);
-        }
-    }
-
-    /// Notes an answer of the extension, if there is room.
-    fn owe(&mut self, answer: Owed) {
-        if !self.extension.owe(answer) {
-            count(&mut self.counters.answers_dropped, 1);
-        }
+        self.extension.settle(answer, &mut self.counters);
     }
 }
 

@@ -71,7 +71,7 @@ impl Machine for Cm5 {
         let bridge = self.board.bridge();
         let bus = self.board.bus.bus();
         let lines = bus.servos().map(|(servo, plugged)| {
-            let known = bridge.servos().find(|known| known.id().number() == servo.id());
+            let known = bridge.servos().find(|known| known.id.number() == servo.id());
             let role = match known {
                 None => "not found",
                 Some(known) if known.is_missing() => "missing",
@@ -102,7 +102,7 @@ impl Machine for Cm5 {
                 .map(|register| (register.name.to_lowercase(), json!(servo.get(*register))));
             let mut state = servos::state(servo, plugged);
             state["registers"] = Value::Object(registers.collect());
-            let known = bridge.servos().find(|known| known.id().number() == servo.id());
+            let known = bridge.servos().find(|known| known.id.number() == servo.id());
             state["bridge"] = known.map_or(Value::Null, of_servo);
             state
         });
@@ -122,16 +122,16 @@ impl Machine for Cm5 {
 }
 
 fn answers(servo: &&Servo) -> bool {
-    servo.feedback().is_some()
+    servo.feedback.is_some()
 }
 
 /// What the bridge knows of a servo.
 fn of_servo(servo: &Servo) -> Value {
-    let counters = servo.counters();
+    let counters = servo.counters;
     json!({
         "agreed": servo.is_agreed(),
         "missing": servo.is_missing(),
-        "stale": servo.feedback().is_none(),
+        "stale": servo.feedback.is_none(),
         "replies": counters.replies,
         "time_outs": counters.time_outs,
         "checksum_errors": counters.checksum_errors,

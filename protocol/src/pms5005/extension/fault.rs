@@ -4,28 +4,17 @@
 //! host clears it. Readings are A/D counts as in the telemetry.
 
 use super::super::command::Channel;
-use crate::data::{Data, EncodeError, Field, record};
+use crate::data::{Data, EncodeError, Field, codes, record};
 
 /// A fault's number, and the names of the values that are told with it.
 macro_rules! faults {
     ($($(#[doc = $doc:literal])+ $name:ident = $number:literal, [$($value:literal),*];)+) => {
-        /// What has gone wrong (byte 3 of DID 100, and the values of its bytes 9 to 14).
-        ///
-        /// | number | fault | values |
-        /// |---|---|---|
-        $(#[doc = concat!(
-            "| ", $number, " | ", $($doc,)+ " | " $(, $value, "; ")*, " |"
-        )])+
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-        pub enum Fault {
-            $($(#[doc = $doc])+ $name = $number,)+
+        codes! {
+            /// What has gone wrong (byte 3 of DID 100), and the values of its bytes 9 to 14.
+            Fault { $(#[doc = concat!($($doc,)+ " Values:" $(, " ", $value, ";")*)] $name = $number,)+ }
         }
 
         impl Fault {
-            /// All of them, in the order of their numbers.
-            pub const ALL: &[Self] = &[$(Self::$name),+];
-
             /// The names and units of the values that are told with it, as many as it has.
             pub const fn values(self) -> &'static [&'static str] {
                 match self {
@@ -67,28 +56,6 @@ faults! {
     SettingsCorrupt = 25, [];
     /// The watchdog has restarted the board.
     WatchdogReset = 26, [];
-}
-
-impl Fault {
-    /// Its number on the wire.
-    pub const fn number(self) -> u8 {
-        self as u8
-    }
-
-    /// The fault of this number.
-    pub fn from_number(number: u8) -> Option<Self> {
-        Self::ALL.iter().copied().find(|fault| fault.number() == number)
-    }
-}
-
-impl Field for Fault {
-    fn put(&self, data: &mut Data) -> Result<(), EncodeError> {
-        self.number().put(data)
-    }
-
-    fn take(data: &mut &[u8]) -> Option<Self> {
-        u8::take(data).and_then(Self::from_number)
-    }
 }
 
 /// Byte 4 of DID 100 for a fault of the board.

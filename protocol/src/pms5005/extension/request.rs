@@ -3,7 +3,7 @@
 use super::super::command::{Refusal, Repeat};
 use super::super::did as manual;
 use super::did;
-use crate::data::{Data, EncodeError, append};
+use crate::data::{Data, EncodeError, append, codes};
 
 /// The sub-command of DID 7 that sets a setting; all from here on are the extension's.
 pub(super) const SET: u8 = 0x80;
@@ -28,30 +28,19 @@ pub enum Request<'a> {
     Fault(u8),
 }
 
-/// What a host can have done: a sub-command of DID 7 that stands alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Action {
-    /// Clear the latched faults.
-    ClearFaults = 0x81,
-    /// Save the settings.
-    Save = 0x82,
-    /// Back to the defaults, in force and saved.
-    FactoryReset = 0x83,
-    /// Restart the firmware.
-    Reboot = 0x84,
-    /// Start the ROM's DFU loader.
-    RebootIntoDfu = 0x85,
-}
-
-impl Action {
-    /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::ClearFaults, Self::Save, Self::FactoryReset, Self::Reboot, Self::RebootIntoDfu];
-
-    /// Its sub-command number.
-    pub const fn number(self) -> u8 {
-        self as u8
+codes! {
+    /// What a host can have done: a sub-command of DID 7 that stands alone.
+    Action {
+        /// Clear the latched faults.
+        ClearFaults = 0x81,
+        /// Save the settings.
+        Save = 0x82,
+        /// Back to the defaults, in force and saved.
+        FactoryReset = 0x83,
+        /// Restart the firmware.
+        Reboot = 0x84,
+        /// Start the ROM's DFU loader.
+        RebootIntoDfu = 0x85,
     }
 }
 
@@ -63,13 +52,11 @@ impl<'a> Request<'a> {
         }
         Some(match (did, data) {
             (manual::PARAMETERS, [SET, ..]) => Assignments::parse(data).map(Self::Set),
-            (manual::PARAMETERS, [number, rest @ ..]) => {
-                match Action::ALL.into_iter().find(|action| action.number() == *number) {
-                    Some(action) if rest.is_empty() => Ok(Self::Do(action)),
-                    Some(_) => Err(Refusal::Length { did, len: data.len() }),
-                    None => Err(Refusal::UnknownSubCommand(*number)),
-                }
-            }
+            (manual::PARAMETERS, [number, rest @ ..]) => match Action::from_number(*number) {
+                Some(action) if rest.is_empty() => Ok(Self::Do(action)),
+                Some(_) => Err(Refusal::Length { did, len: data.len() }),
+                None => Err(Refusal::UnknownSubCommand(*number)),
+            },
             (did::SETTING, &[low, high]) => Ok(Self::Setting(u16::from_le_bytes([low, high]))),
             (did::IDENTITY, []) => Ok(Self::Identity),
             (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first()))),

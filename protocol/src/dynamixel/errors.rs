@@ -1,9 +1,6 @@
-//! What a servo answers: error bits and what was read.
+//! What a servo says is wrong with it or with the instruction: the CODE of its answer.
 
-use super::packet::{Id, Packet};
-use crate::data::EncodeError;
-
-/// The error bits of a status packet (manual 3-3).
+/// The error bits of an answer (manual 3-3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Errors(u8);
@@ -72,34 +69,6 @@ impl core::fmt::Display for Errors {
         let mut set = Self::NAMES.iter().filter(|(error, _)| self.contains(*error));
         f.write_str(set.next().map_or("none", |(_, name)| name))?;
         set.try_for_each(|(_, name)| write!(f, ", {name}"))
-    }
-}
-
-/// An answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Status<'a> {
-    /// Who answers.
-    pub id: Id,
-    /// What is wrong with the servo or with the instruction.
-    pub errors: Errors,
-    /// What was read; nothing in the answer to any other instruction.
-    pub params: &'a [u8],
-}
-
-impl<'a> From<Packet<'a>> for Status<'a> {
-    fn from(Packet { id, code, params }: Packet<'a>) -> Self {
-        Self { id, errors: Errors::from_bits(code), params }
-    }
-}
-
-impl Status<'_> {
-    /// Writes the whole packet into `out` and answers the part it took.
-    ///
-    /// # Errors
-    /// [`EncodeError`].
-    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        Packet { id: self.id, code: self.errors.bits(), params: self.params }.encode(out)
     }
 }
 
