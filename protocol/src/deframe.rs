@@ -2,16 +2,17 @@
 //!
 //! Vocabulary: a *candidate* is a place in the stream that begins like a frame. Its header tells
 //! how long the frame would be. Once that many bytes are there, it is either a *frame* or
-//! *rejected*. After a rejection the search goes on one byte behind the candidate's first, so that
-//! a good frame inside a bad one is found. Bytes that wait for a decision are *pending*.
+//! *rejected*. After a rejection the search goes on at the candidate's second byte, so that a good
+//! frame inside a bad one is found. Bytes that wait for a decision are *pending*.
 //!
 //! Promises:
 //! - The frames found do not depend on how the stream was cut into chunks.
-//! - Every byte is accounted for: it was part of a frame, was skipped and counted, or is pending.
-//! - What follows a frame is left to the caller, unless a rejected candidate reached beyond it.
-//! - A candidate's checksum is computed once, when it is complete.
+//! - Every byte taken is accounted for: it was part of a frame, was skipped and counted, or is pending.
+//! - Bytes behind a frame are not taken: they stay in the caller's slice. The exception are those that
+//!   a candidate rejected earlier had taken already.
+//! - A candidate's checksum is computed once, when the candidate is complete.
 //!
-//! A candidate that noise has made (`5E 02` with a large length, say) holds up what follows until
+//! A candidate that noise has made (the two start bytes by chance, and a large length) holds up what follows until
 //! its bytes are there. Only time can tell that they will not come: whoever has a clock calls
 //! [`Deframer::give_up`] when the line has been silent for too long.
 
@@ -37,21 +38,22 @@ pub trait Framing {
 pub struct Reception {
     /// Intact frames, whoever they were for.
     pub frames_ok: u32,
-    /// Candidates with a complete header that turned out not to be frames.
+    /// Candidates rejected after their header was complete: an impossible length, a bad checksum, or
+    /// given up.
     pub bad_frames: u32,
     /// Bytes that were part of no frame.
     pub bytes_skipped: u32,
 }
 
-/// A receiver for frames of at most `N` bytes. See the [module](self) for what it promises.
+/// A receiver for frames of at most `N` bytes; a header that announces more is rejected. See the [module](self) for what it promises.
 pub struct Deframer<F, const N: usize> {
     /// What is held stands at the front: the frame that was returned last, if any, and the pending
     /// bytes.
     buffer: [u8; N],
     held: usize,
-    /// Length of that frame; 0 when none was returned.
+    /// Length of the frame that was returned last; 0 when there is none.
     returned: usize,
-    /// Length of the candidate at the front; 0 until its header is there.
+    /// Length of the candidate at the front; 0 until its header is there and makes sense.
     length: usize,
     reception: Reception,
     framing: PhantomData<F>,
@@ -76,7 +78,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         self.reception
     }
 
-    /// How many bytes wait for the rest of their frame.
+    /// How many bytes are pending.
     pub fn pending(&self) -> usize {
         self.held.saturating_sub(self.returned)
     }
@@ -99,14 +101,16 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
     /// Rejects the candidate at the front alone, which has waited for too long on a line that is
     /// not silent, and returns the frame behind it if one is complete.
     ///
-    /// More may be complete: go on with [`receive`](Self::receive).
+    /// Only after [`receive`](Self::receive) has returned `None`: what it has not looked at yet would be
+    /// rejected too. More may be complete then: go on with `receive`.
     pub fn give_up_front(&mut self) -> Option<&[u8]> {
         self.release();
         self.reject();
         self.find(&mut &[][..], false)
     }
 
-    /// The frame that the last call returned, for callers whose own borrow ended in between.
+    /// The frame that the last call returned, again, for callers that could not keep the borrow; empty
+    /// if it returned `None`.
     pub fn frame(&self) -> &[u8] {
         self.buffer.get(..self.returned).unwrap_or_default()
     }
@@ -119,20 +123,21 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         loop {
             let needed = if self.length > 0 { self.length } else { F::HEADER };
             self.take(bytes, needed);
-            let Some(candidate) = self.buffer.get(..self.held).and_then(|held| held.get(..needed))
+            let Some(front) = self.buffer.get(..self.held).and_then(|held| held.get(..needed))
             else {
-                if self.held == 0 || (!silent && (self.length > 0 || self.begins_like_a_frame())) {
+                let may_become_a_frame = self.length > 0 || self.begins_like_a_frame();
+                if self.held == 0 || (may_become_a_frame && !silent) {
                     return None;
                 }
                 self.reject();
                 continue;
             };
             if self.length == 0 {
-                match F::length(candidate).filter(|_| candidate.starts_with(&F::START)) {
+                match F::length(front).filter(|_| front.starts_with(&F::START)) {
                     Some(length) if (F::HEADER..=N).contains(&length) => self.length = length,
                     _ => self.reject(),
                 }
-            } else if F::is_intact(candidate) {
+            } else if F::is_intact(front) {
                 self.reception.frames_ok = self.reception.frames_ok.wrapping_add(1);
                 (self.returned, self.length) = (needed, 0);
                 return Some(self.frame());
@@ -142,7 +147,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         }
     }
 
-    /// Holds bytes from the front of `bytes`, up to so many in all.
+    /// Takes bytes from the front of `bytes` until `needed` are held or there are no more.
     fn take(&mut self, bytes: &mut &[u8], needed: usize) {
         let missing = needed.saturating_sub(self.held).min(bytes.len());
         let taken = bytes.split_off(..missing).unwrap_or_default();
@@ -153,6 +158,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         self.held = self.held.saturating_add(missing);
     }
 
+    /// Whether what is held, were it a single byte, agrees with [`Framing::START`].
     fn begins_like_a_frame(&self) -> bool {
         self.buffer.iter().take(self.held).zip(F::START).all(|(byte, start)| *byte == start)
     }
@@ -178,7 +184,7 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
         }
     }
 
-    /// Drops the first of the bytes held.
+    /// Drops the first `count` of the bytes held.
     fn drop_front(&mut self, count: usize) {
         if count < self.held {
             self.buffer.copy_within(count..self.held, 0);

@@ -1,6 +1,6 @@
-//! One rule of liveness: one loop feeds the watchdog, and no longer than all tasks answer.
+//! One rule of liveness: one loop feeds the watchdog, and only as long as all tasks answer.
 //!
-//! A task *answers* when it comes round; one that waits comes round every [`CHECK_IN_PERIOD`]. The
+//! A task *answers* at the top of its loop; one that waits does so every [`CHECK_IN_PERIOD`]. The
 //! *feeder* is the loop that checks, drives and feeds. A task that is silent for too long has *hung*:
 //! from then on the feeder keeps the outputs off and feeds no more, whatever comes.
 //!
@@ -11,12 +11,13 @@
 //! | the watchdog bites after | [`WATCHDOG_PERIOD`], 35 to 96.5 ms | [`BRIDGE_WATCHDOG_PERIOD`], 170 to 471 ms |
 //!
 //! The spread is that of the STM32F4's LSI, 17 to 47 kHz (data sheet). So a controller's outputs are
-//! off within 91 ms if a task hangs, and within 100 ms if control does, wherever it hangs: in a
-//! critical section, an interrupt handler, a log. Control that is late by less than 35 ms is safe from
-//! a bite on any chip.
+//! off within 91 ms of a hung task's last answer, and within 100 ms if control hangs, wherever it does:
+//! in a critical section, an interrupt handler, a log. Control that is late by 33 ms is safe from a bite
+//! on any chip. A CM-5 drives nothing itself: its watchdog restarts it.
 //!
-//! Until every task has answered once the feeder feeds but drives nothing. While commands are held
-//! back for upkeep it feeds and drives as before. Neither may last longer than a second.
+//! As long as a task has yet to answer for the first time, the feeder feeds but drives nothing. While
+//! commands are held back for upkeep it feeds and drives as before, and no silence is counted. Neither
+//! may last longer than a second.
 
 use core::cell::Cell;
 
@@ -24,24 +25,25 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_time::Duration;
 
-/// A task that waits for something answers at least this often while it waits. Work between two
-/// waits takes less: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
+/// A task that waits for something answers at least this often. One that works answers when the work
+/// is done: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
 pub(super) const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
-/// The longest that a task works between two answers is the longest frame at 9600 baud, 87.5 ms.
+/// The longest work between two answers is the longest frame at 9600 baud, 87.5 ms.
 pub(super) const LONGEST_SILENCE: Duration = Duration::from_millis(90);
-/// The longest report, of 100 servos at 57,600 baud, takes 140 ms; with a check-in period 190.
+/// The longest report, of 100 servos at 57,600 baud, takes 140 ms; a check adds the
+/// feeder's whole interval, 50 ms, even to a task that has just answered.
 pub(super) const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
-/// How long a start or an upkeep may take, in the feeder's time, which stands still while a sector is
-/// erased. Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash),
-/// the farewell before a restart 100 ms.
+/// How long a start or an upkeep may take, in passes of control, of which none happens while a sector
+/// is erased. Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash),
+/// the wait for the last answer to leave before a restart 100 ms.
 const LONGEST_EXCUSE_MS: u16 = 1000;
 
-/// What the controller's watchdog bears without food, by the nominal LSI of 32 kHz: 205 counts of 8
+/// After so long without food the controller's watchdog resets the chip, which turns the outputs off, by the nominal LSI of 32 kHz: 205 counts of 8
 /// cycles.
 pub const WATCHDOG_PERIOD: Duration = Duration::from_micros(51_250);
-/// What the CM-5's bears: 1000 counts.
+/// The CM-5's: 1000 counts.
 pub const BRIDGE_WATCHDOG_PERIOD: Duration = Duration::from_millis(250);
-/// What both bear between their start and the first food, and after
+/// Both, between their start and the first food, and after
 /// [`before_erase`](crate::ports::SystemPort::before_erase), with nothing driven: 4096 counts, the
 /// most there are, 697 ms at 47 kHz. Erasing a sector of 16 KiB stalls the core of an STM32F4 for 500
 /// ms at the most.
@@ -58,8 +60,9 @@ pub(super) enum Liveness {
     Hung,
 }
 
-/// How long each of `TASKS` tasks has been silent, by the feeder's time: while the feeder itself is
-/// held up, nobody's silence grows.
+/// How long each of `TASKS` tasks has been silent, in the time that the feeder reports. Control reports
+/// 1 ms a pass, however late it is, and so nobody's silence grows while it is held up; the CM-5's reports
+/// the time that has passed.
 pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
     longest_silence_ms: u16,
     state: Mutex<M, Cell<State<TASKS>>>,
@@ -69,7 +72,7 @@ pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
 struct State<const TASKS: usize> {
     /// In ms; `None` before a task has answered for the first time.
     silence: [Option<u16>; TASKS],
-    /// For how many ms silence has been excused.
+    /// For how many ms in a row no silence has been counted.
     excused: u16,
     has_hung: bool,
 }
@@ -84,7 +87,7 @@ impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
         }
     }
 
-    /// The task of this number, from 0, answers.
+    /// The task of this number, 0 to `TASKS` - 1, answers.
     pub(super) fn answer(&self, task: usize) {
         self.change(|state| {
             if let Some(silence) = state.silence.get_mut(task) {
@@ -93,8 +96,8 @@ impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
         });
     }
 
-    /// The feeder checks, so many ms after its last check. With `held` commands are held back, and
-    /// who waits for one to be carried out has not hung.
+    /// The feeder checks, and reports the time since its last check. If commands are `held` back, a task
+    /// that waits for one to be carried out has not hung: no silence is counted.
     pub(super) fn check(&self, passed_ms: u16, held: bool) -> Liveness {
         self.change(|state| {
             let has_begun = !state.silence.contains(&None);

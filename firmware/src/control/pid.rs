@@ -1,4 +1,4 @@
-//! The PID controller of the DC channels in fixed point, and what the gains of the wire mean.
+//! The PID controller of the DC channels in fixed point, and what the gains that hosts send mean.
 //!
 //! Both loops compute, once a period of 1 ms,
 //!
@@ -7,13 +7,14 @@
 //! ```
 //!
 //! limited to the allowed drive (full drive is 1). It promises:
-//! - No derivative kick: `rate` is how fast the measurement itself changes, so a jump of the
-//!   set-point does not appear in it.
+//! - No derivative kick: `rate` is how fast the measurement changes, less the slope of a position
+//!   ramp, so a jump of the set-point does not appear in it.
 //! - Anti-windup: while a limit holds the drive back, the integral does not grow deeper into the
 //!   limit (conditional integration), and does not exceed that limit itself. It never exceeds full
 //!   drive.
-//! - No overflow, whatever the gains and the error are.
-//! - Each term is rounded once, down, to the last bit of a [`Duty`](crate::units::Duty).
+//! - No overflow, whatever the gains, the error and the rate are.
+//! - Each term is rounded once, down, to 1/16384 of full drive, the last bit of a
+//!   [`Duty`](crate::units::Duty).
 //!
 //! The gains that hosts send are the original's numbers: Kp 50, Kd 5, Ki 0 by default, and Kp 15
 //! to 25 usable for the wheels of the time. This is what one unit of each is worth, in parts of
@@ -21,16 +22,16 @@
 //!
 //! | gain | position loop | velocity loop |
 //! |---|---|---|
-//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s, as it will be in 16 ms, and as much again for every 128 ms that the error lasts |
+//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s of the error expected in 16 ms (see below), and as much again for every 128 ms that the error lasts |
 //! | Kd = 1 | 2^-16 a count/s | 2^-18 a (count/s) per ms |
 //! | Ki = 1.00 | 2^-10 a count and second | 2^-12 a (count/s) and second |
 //! | the most that counts | Kp 32767: full drive at one count; Kd 511: at 128 counts/s | Kp 32767: full drive at 16 counts/s; with it Ki adds nothing. Kd 2047: at 128 (counts/s) per ms |
 //!
 //! The velocity loop's Kp has the reset time of 128 ms built in because hosts leave Ki at 0 and
 //! expect the speed to be held: a proportional term alone would settle well below the set-point. And it
-//! looks 16 ms ahead along the acceleration, because the estimate of the velocity is so much behind
-//! ([`velocity`](super::velocity)): without that a motor four times as fast as expected overshoots by
-//! as much again.
+//! looks 16 ms ahead along the acceleration, because the estimate of the velocity is that late
+//! ([`velocity`](super::velocity)): without that a motor four times as fast as its setting runs at twice
+//! the speed asked for a moment. The look-ahead takes its part of the largest Kd, 8 for each Kp.
 
 use fixed::FixedI32;
 use fixed::traits::LossyFrom;
@@ -64,7 +65,8 @@ pub struct Gains {
     kp: I2F30,
     /// A unit of error and period.
     ki: FixedI32<U38>,
-    /// A unit of rate. Negative, so that all terms are added, and rounded down alike.
+    /// A unit of rate, the look-ahead of a velocity loop included. Negative, so that all terms are
+    /// added, and rounded down alike.
     minus_kd: FixedI32<U38>,
 }
 
@@ -78,11 +80,11 @@ impl Gains {
         let (ki, kd) = match control_loop {
             Loop::Position => ((ki << (38 - 10)) / 100_000, kd.min(511) << (38 - 16)),
             Loop::Velocity => {
-                // Of 16 counts/s, the unit of this loop's error.
+                // + 4: the unit of this loop's error is 2^4 counts/s.
                 let ki = (ki << (38 - 12 + 4)) / 100_000;
-                let kp_per_period = i64::from(kp) << (38 - 15 - 7); // within 2^7 periods
-                let kp_of_lag = i64::from(kp) << (38 - 19 + 4); // of 2^4 periods
-                let kd = (kd.min(2047) << (38 - 18)).saturating_add(kp_of_lag);
+                let kp_per_period = i64::from(kp) << (38 - 15 - 7); // over 2^7 periods
+                let kp_ahead = i64::from(kp) << (38 - 19 + 4); // by 2^4 periods
+                let kd = (kd.min(2047) << (38 - 18)).saturating_add(kp_ahead);
                 (ki.saturating_add(kp_per_period), kd)
             }
         };
@@ -93,13 +95,13 @@ impl Gains {
         }
     }
 
-    /// Whether the error adds up.
+    /// Whether the error is integrated.
     pub fn has_integral(&self) -> bool {
         self.ki != 0
     }
 }
 
-/// How far a measurement is from its set-point, in the unit of which Kp = 1 is worth 2^-15 of full
+/// The set-point less the measurement, in the unit of which Kp = 1 is worth 2^-15 of full
 /// drive: counts in the position loop, 16 counts/s in the velocity loop. At most 32768 of these.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Error(I16F16);
@@ -116,7 +118,7 @@ impl Error {
     }
 }
 
-/// To the left, limited to what 32 bits hold.
+/// Shifts to the left, and saturates instead of losing bits.
 fn shift<const BY: u32>(bits: i32) -> i32 {
     bits.clamp(i32::MIN >> BY, i32::MAX >> BY) << BY
 }
@@ -184,10 +186,10 @@ impl Pid {
             self.integral = integral;
             return drive;
         }
-        self.saturate(integral, error, others, limits)
+        self.step_at_a_limit(integral, error, others, limits)
     }
 
-    /// Takes what the integral has beyond a share of full drive, in the unit of a
+    /// Cuts the integral back to a share of full drive either way, in the unit of a
     /// [`Duty`](crate::units::Duty).
     pub fn hold_within(&mut self, share: u16) {
         let most = I10F54::wrapping_from_num(Drive::from_bits(share.into()));
@@ -196,7 +198,7 @@ impl Pid {
 
     /// Anti-windup: a period in which `integral` or the drive would go beyond a limit.
     #[cold]
-    fn saturate(
+    fn step_at_a_limit(
         &mut self,
         integral: I10F54,
         error: Error,
@@ -226,10 +228,10 @@ mod tests {
 
     /// The formula in floating point, on the numbers of the wire: what a term is worth.
     fn terms(control_loop: Loop, host: HostGains, error: f64, rate: f64) -> (f64, f64, f64) {
-        let log2 = |shift: i32| 2.0_f64.powi(-shift);
+        let half_to_the = |power: i32| 0.5_f64.powi(power);
         let (kp, kd, ki) = match control_loop {
-            Loop::Position => (log2(15), log2(16), log2(10)),
-            Loop::Velocity => (log2(19), log2(18), log2(12)),
+            Loop::Position => (half_to_the(15), half_to_the(16), half_to_the(10)),
+            Loop::Velocity => (half_to_the(19), half_to_the(18), half_to_the(12)),
         };
         let proportional = f64::from(host.kp) * kp * error;
         let (reset, ahead) = match control_loop {
@@ -237,7 +239,7 @@ mod tests {
             Loop::Velocity => (proportional / 128.0, f64::from(host.kp) * kp * 16.0),
         };
         let integral = f64::from(host.ki_hundredths) / 100.0 * ki / 1000.0 * error + reset;
-        (proportional, integral, (f64::from(host.kd) * kd + ahead).min(log2(7)) * rate)
+        (proportional, integral, (f64::from(host.kd) * kd + ahead).min(half_to_the(7)) * rate)
     }
 
     fn of(control_loop: Loop, error: I24F8) -> Error {
