@@ -12,6 +12,7 @@ use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
 use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
+use tests::Link::Silent;
 use tests::{Bench, Received};
 
 fn telemetry(reports: Reports, repeat: Repeat) -> Command<'static> {
@@ -274,4 +275,30 @@ fn an_encoder_that_counts_wildly_is_reported_at_the_end_of_the_scale() {
         let Some(Report::Motors(report)) = Report::parse(frame.did, frame.data) else { panic!() };
         assert_eq!((report.encoders[0].speed, report.encoders[0].positive), (32_767, positive));
     }
+}
+
+#[test]
+fn what_one_frame_has_asked_for_is_told_of_one_moment() {
+    let mut bench = Bench::quiet();
+    let potentiometer = |bench: &Bench, value| {
+        bench.board.plant.borrow_mut().overrides.potentiometers[0] = Some(value);
+    };
+    potentiometer(&bench, 100);
+    bench.send_raw(did::CUSTOM_IO, &[1]); // the sensors' turn is next, and the motors' behind it
+    bench.run_ms(70); // told 20 ms ago: it is due again later than the others
+    bench.received();
+    let sent = bench.board.link().telemetry_sent;
+    bench.send_raw(did::ALL_REPORTS, &[1]);
+    bench.until(Silent, 60, |bench| bench.board.link().telemetry_sent > sent);
+    potentiometer(&bench, 200);
+    bench.run_ms(20);
+    let reports: Vec<_> = bench.received().iter().filter_map(Received::report).collect();
+    let [Report::Sensors(_), Report::Motors(motors), Report::CustomIo(_)] = &reports[..] else {
+        panic!("{reports:?}")
+    };
+    assert_eq!(motors.potentiometers[0], 100);
+    bench.send_raw(did::MOTORS, &[1]);
+    bench.run_ms(60);
+    let later = bench.received().iter().find_map(Received::report);
+    assert!(matches!(later, Some(Report::Motors(motors)) if motors.potentiometers[0] == 200));
 }

@@ -25,7 +25,7 @@
 //! | PWM | Duty = (v - 16384) / 16384. 16383 is used as neutral too: both mean stop. |
 //! | servo positions | 1 count is 1/2250 ms. "Roughly 1000 to 6000" is accepted from 500 to 7000; anything else is a bad value, since no servo survives it. |
 //! | Ki | "Integer part M, fraction part N" is read as M + N/100. Hosts exist that mean N/256, or a 16-bit number of hundredths: the firmware has a setting, see [`Gain::Integral`]. |
-//! | false end marks | Hosts that search for `5E 0D` lose frames that hold it. Measured values which would put it there are sent one least significant bit away; counts and flags are never altered. |
+//! | false end marks | Hosts that search for `5E 0D` lose frames that hold it. Measured values which would put it there are sent one away, encoder counts and sonar centimetres too (a count of 3422 is told as 3421); flags are never altered. |
 //! | silence | The board sends telemetry or a ping (255, data 0) at least once a second. |
 //! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
 

@@ -50,7 +50,7 @@ impl Quantity {
 pub enum Addressing {
     /// `[channel lo hi]+ [28 tlo thi]` (DIDs 3, 5, 26, 28).
     List,
-    /// Six words, optionally a seventh for the time; 0x8000 leaves a channel alone
+    /// Six words, optionally `tlo thi` or `28 tlo thi`; 0x8000 leaves a channel alone
     /// (DIDs 4, 6, 27, 29).
     All,
 }
@@ -123,15 +123,10 @@ impl Move {
 
     fn parse_all(did: u8, quantity: Quantity, data: &[u8]) -> Result<Self, Refusal> {
         let bad_length = Refusal::Length { did, len: data.len() };
-        let (words, []) = data.as_chunks::<2>() else { return Err(bad_length) };
-        let (values, time) = words.split_first_chunk::<CHANNELS>().ok_or(bad_length)?;
-        let periods = match time {
-            [] => 0,
-            [time] => u16::from_le_bytes(*time),
-            _ => return Err(bad_length),
-        };
+        let (values, time) = data.split_first_chunk::<{ 2 * CHANNELS }>().ok_or(bad_length)?;
+        let periods = time_of(time).ok_or(bad_length)?;
         let mut targets = [None; CHANNELS];
-        for (slot, word) in targets.iter_mut().zip(values) {
+        for (slot, word) in targets.iter_mut().zip(values.as_chunks::<2>().0) {
             let word = u16::from_le_bytes(*word);
             if word != NO_CONTROL {
                 *slot = Some(quantity.target(did, word)?);
@@ -170,19 +165,25 @@ impl Move {
     }
 }
 
-/// Splits a list into its entries and its time, which is 0 when there is none. `None` when the
-/// length fits no form.
+/// Splits a list into its entries and its time. `None` when the length fits no form.
 fn split_time(data: &[u8]) -> Option<(&[[u8; 3]], u16)> {
     let (triplets, rest) = data.as_chunks::<3>();
-    match (triplets, rest) {
-        ([], _) => None,
-        ([entries @ .., [TIME_FLAG | TIME_FLAG_IN_THE_FIELD, low, high]], [])
-            if !entries.is_empty() =>
-        {
-            Some((entries, u16::from_le_bytes([*low, *high])))
+    let (entries, periods) = match (triplets, rest) {
+        // A flag and a time are as long as an entry.
+        ([entries @ .., last], []) if let Some(periods) = time_of(last) => (entries, periods),
+        (entries, rest) => (entries, time_of(rest)?),
+    };
+    (!entries.is_empty()).then_some((entries, periods))
+}
+
+/// The time behind the targets, 0 when there is none: two bytes, with a flag before them or without.
+/// Hosts also send the flag alone. `None` when it is none of these.
+fn time_of(data: &[u8]) -> Option<u16> {
+    match *data {
+        [] | [TIME_FLAG | TIME_FLAG_IN_THE_FIELD] => Some(0),
+        [low, high] | [TIME_FLAG | TIME_FLAG_IN_THE_FIELD, low, high] => {
+            Some(u16::from_le_bytes([low, high]))
         }
-        (entries, []) => Some((entries, 0)),
-        (entries, [low, high]) => Some((entries, u16::from_le_bytes([*low, *high]))),
         _ => None,
     }
 }

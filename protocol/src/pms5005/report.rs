@@ -5,7 +5,9 @@
 //!
 //! Hosts exist that find the end of a frame by searching for `5E 0D`. [`Report::encode`] keeps
 //! these bytes out of DATA and checksum where a measured value would put them there, by sending
-//! that value one least significant bit away. Counts and flags are sent as they are.
+//! that value one less, or one more. Encoder counts and sonar centimetres give way too: a host that
+//! searches is otherwise blind for as long as a wheel rests at 3422. Flags and key codes are sent as
+//! they are, and so is a speed whose sign would change: none does, since 0 and 1 hold no end mark.
 
 use super::did;
 use super::frame::{DATA, ETX, Frame, RES_NO_ACK, RID_HOST, seal};
@@ -93,6 +95,9 @@ mod len {
     pub const SENSORS: usize = 40;
 }
 
+/// Where the encoders' counts and speeds begin in Table II.2, behind the A/D values.
+const FIRST_COUNT: usize = 24;
+
 impl Report {
     /// Bytes of the longest telemetry frame.
     pub const MAX_FRAME: usize = super::OVERHEAD + len::SENSORS;
@@ -119,7 +124,11 @@ impl Report {
             Self::Sensors(report) => report.put(&mut data)?,
         }
         for (at, size) in self.measured() {
-            give_way(&mut data, at, size);
+            if matches!(self, Self::Motors(_)) && at >= FIRST_COUNT {
+                give_way(&mut data, at, size, u16::MAX);
+            } else {
+                give_way(&mut data, at, size, AD_MAX);
+            }
         }
         let frame = Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data };
         let frame = frame.encode(out)?;
@@ -130,7 +139,7 @@ impl Report {
     /// Where the measured values stand in DATA, and how many bytes each has.
     fn measured(&self) -> impl Iterator<Item = (usize, usize)> {
         let (bytes, words) = match self {
-            Self::Motors(_) => (0..0, [0..24, 0..0]),
+            Self::Motors(_) => (0..0, [0..FIRST_COUNT, FIRST_COUNT..32]),
             Self::CustomIo(_) => (0..0, [0..16, 0..0]),
             Self::Sensors(_) => (0..6, [6..26, 30..40]),
         };
@@ -170,24 +179,24 @@ impl Field for MotorReport {
     }
 }
 
-/// Limits a measured value of this many bytes to what a converter reads, and keeps it from making a
-/// false end mark with its own bytes or with the byte before it.
-fn give_way(data: &mut Data, at: usize, size: usize) {
+/// Limits a measured value of this many bytes to `most`, and keeps it from making a false end mark
+/// with its own bytes or with the byte before it, by sending one less.
+fn give_way(data: &mut Data, at: usize, size: usize, most: u16) {
     let before = at.checked_sub(1).and_then(|before| data.get(before)).copied();
     let Some(value) = data.get_mut(at..).and_then(|rest| rest.get_mut(..size)) else { return };
     if let [low, high] = value {
-        [*low, *high] = u16::from_le_bytes([*low, *high]).min(AD_MAX).to_le_bytes();
+        [*low, *high] = u16::from_le_bytes([*low, *high]).min(most).to_le_bytes();
     }
     let contains = *value == ETX;
     if let [low, ..] = value {
         let completes = before == Some(ETX[0]) && *low == ETX[1];
-        *low ^= u8::from(completes || contains);
+        *low = low.wrapping_sub(u8::from(completes || contains)); // 0x5D or 0x0C
     }
 }
 
 /// The last byte of DATA and the checksum can be a false end mark too. The last byte is then a
 /// flag (inputs = 0x5E), so the first measured value that can give way without making another
-/// false mark changes the checksum instead.
+/// false mark changes the checksum instead; none that may have given way already.
 fn avoid_false_etx_in_checksum(frame: &mut [u8], measured: impl Iterator<Item = usize>) {
     if !matches!(frame, [.., before, crc, _, _] if [*before, *crc] == ETX) {
         return;
@@ -195,6 +204,15 @@ fn avoid_false_etx_in_checksum(frame: &mut [u8], measured: impl Iterator<Item = 
     let marks = |frame: &[u8]| frame.windows(ETX.len()).filter(|pair| *pair == ETX).count();
     let before = marks(frame);
     for at in measured {
+        let has_given_way =
+            match frame.get(DATA..).and_then(|data| data.get(at.saturating_sub(1)..)) {
+                Some([_, 0x5D, 0x0D, ..] | [0x5E, 0x0C, ..]) => true,
+                Some([0x5D, 0x0D, ..]) => at == 0,
+                _ => false,
+            };
+        if has_given_way {
+            continue;
+        }
         nudge(frame, at);
         if marks(frame) < before {
             return;

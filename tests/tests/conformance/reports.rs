@@ -107,10 +107,10 @@ fn section_ii_5_measured_values_give_way_before_they_make_an_end_mark() {
         set.ir_command = [0, 0, 0, 0x5E].map(Some);
         set.battery[0] = Some(0x070D);
     });
-    assert_eq!(data_of(&mut bench, 123)[6..8], [0x5F, 0x0D]);
+    assert_eq!(data_of(&mut bench, 123)[6..8], [0x5D, 0x0D]);
     let data = data_of(&mut bench, 125);
     assert_eq!(data[..6], [0x5E, 0x0C, 0x0D, 1, 0x5D, 0x5E]);
-    assert_eq!(data[6..14], [0x0C, 0x02, 0x5D, 0x0D, 0x5F, 0x0D, 0x5F, 0x0D]);
+    assert_eq!(data[6..14], [0x0C, 0x02, 0x5D, 0x0D, 0x5D, 0x0D, 0x5F, 0x0D]);
     assert_eq!(data[26..32], [0, 0, 0, 0x5E, 0x0C, 0x07]);
 }
 
@@ -119,14 +119,31 @@ fn telemetry(report: Report) -> Vec<u8> {
 }
 
 #[test]
-fn section_ii_5_counts_speeds_flags_and_key_codes_are_never_altered() {
+fn section_ii_5_counts_and_speeds_give_way_and_flags_and_key_codes_never_do() {
     let encoder = Encoder { count: 0x0D5E, speed: 0x0D5E, positive: true };
     let motors = MotorReport { encoders: [encoder; 2], ..MotorReport::default() };
     let frame = telemetry(Report::Motors(motors));
-    assert_eq!(frame[30..39], [0x5E, 0x0D, 0x5E, 0x0D, 0x5E, 0x0D, 0x5E, 0x0D, 3]);
+    assert_eq!(frame[30..39], [0x5D, 0x0D, 0x5D, 0x0D, 0x5D, 0x0D, 0x5D, 0x0D, 3]);
+    // Over the border of two fields; and what is no A/D value is not limited to 4095.
+    let encoder = Encoder { count: 0x5EFF, speed: 0x700D, positive: false };
+    let motors = MotorReport { encoders: [encoder; 2], ..MotorReport::default() };
+    let frame = telemetry(Report::Motors(motors));
+    assert_eq!(frame[30..39], [0xFF, 0x5E, 0x0C, 0x70, 0xFF, 0x5E, 0x0C, 0x70, 0]);
     let ir_command = [0x5E, 0x0D, 0x5E, 0x0D];
     let frame = telemetry(Report::Sensors(SensorReport { ir_command, ..Default::default() }));
     assert_eq!(frame[32..36], ir_command);
+}
+
+#[test]
+fn section_ii_5_a_wheel_that_rests_anywhere_blinds_no_host() {
+    for count in 0..=32_767 {
+        let encoder = Encoder { count, speed: 0, positive: true };
+        let motors = MotorReport { encoders: [encoder; 2], ..MotorReport::default() };
+        let frame = telemetry(Report::Motors(motors));
+        assert_eq!(frame.windows(2).filter(|pair| *pair == ETX).count(), 1, "{count}");
+        let sent = u16::from_le_bytes([frame[30], frame[31]]);
+        assert!(sent.abs_diff(count) <= 1 && (count != 3422 || sent == 3421), "{count}: {sent}");
+    }
 }
 
 #[test]

@@ -37,6 +37,10 @@ fn table_ii_1_lists_and_six_words_move_channels_in_a_time() {
         reads(did, &[1, 0xE8, 0x03, 4, 0x70, 0x17, 6, 0xF4, 0x01], timed(&two, 500));
         reads(did, &[1, 0xE8, 0x03, 4, 0x70, 0x17, 0xF4, 0x01], timed(&two, 500));
         reads(did, &[1, 0xE8, 0x03, 4, 0x70, 0x17, 28, 0, 0], timed(&two, 0));
+        // A flag with no time behind it, as some hosts send it.
+        for flag in [28, 6] {
+            reads(did, &[1, 0xE8, 0x03, 4, 0x70, 0x17, flag], timed(&two, 0));
+        }
         reads(did, &[4, 0x70, 0x17, 1, 0xE8, 0x03], timed(&two, 0));
 
         let did = all_did;
@@ -45,6 +49,10 @@ fn table_ii_1_lists_and_six_words_move_channels_in_a_time() {
         both_ways(did, &words, timed(&set, 0));
         both_ways(did, &[&words[..], &[0x2C, 0x01]].concat(), timed(&set, 300));
         reads(did, &[&words[..], &[0, 0]].concat(), timed(&set, 0));
+        for flag in [28, 6] {
+            reads(did, &[&words[..], &[flag, 0x2C, 0x01]].concat(), timed(&set, 300));
+            reads(did, &[&words[..], &[flag]].concat(), timed(&set, 0));
+        }
         let two = [0, 0x80, 0xE9, 0x03, 0, 0x80, 0, 0x80, 0xEC, 0x03, 0, 0x80];
         both_ways(did, &two, timed(&[(1, 1001), (4, 1004)], 0));
         both_ways(did, &[0, 0x80].repeat(6), timed(&[], 0));

@@ -188,7 +188,7 @@ pub fn plain_data(report: &Report) -> (Vec<u8>, std::ops::Range<usize>) {
             let encoders = [a.count, a.speed, b.count, b.speed];
             let directions = u8::from(a.positive) + 2 * u8::from(b.positive);
             let ad = words(&[&m.potentiometers, &m.currents, &encoders]);
-            ([ad, vec![directions]].concat(), 24..33)
+            ([ad, vec![directions]].concat(), 32..33)
         }
         Report::CustomIo(c) => ([words(&[&c.custom_ad]), vec![c.inputs]].concat(), 16..17),
         Report::Sensors(s) => {

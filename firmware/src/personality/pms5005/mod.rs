@@ -63,7 +63,16 @@ struct Answers {
     signs_of_life: u32,
     /// When the host last heard telemetry or a ping.
     spoke: Instant,
+    /// What the last telemetry was about.
+    moment: Moment,
     counters: LinkCounters,
+}
+
+/// A snapshot, when it was taken, and when the reports were due that tell of it.
+struct Moment {
+    due: Instant,
+    taken: Instant,
+    snapshot: Snapshot,
 }
 
 /// What a stream is about.
@@ -102,6 +111,7 @@ impl Pms5005 {
                 ping_answered: None,
                 signs_of_life: 0,
                 spoke: now,
+                moment: Moment { due: Instant::MIN, taken: now, snapshot: Snapshot::BOOT },
                 counters: LinkCounters::default(),
             },
         }
@@ -150,8 +160,10 @@ impl Session for Pms5005 {
         let frame = match due {
             Due::Ack => return Some(&ACK),
             Due::Ping => PING.encode(out),
-            Due::Stream(Topic::Telemetry(reports)) => report(reports, &snapshot()).encode(out),
-            Due::Stream(Topic::Health) => extension.health(now, &snapshot()).encode(out),
+            Due::Stream(Topic::Telemetry(reports), due) => {
+                report(reports, self.answers.moment(due, now, snapshot)).encode(out)
+            }
+            Due::Stream(Topic::Health, _) => extension.health(now, &snapshot()).encode(out),
             Due::Answer(owed) => {
                 let snapshot = snapshot();
                 extension.answer(owed, &snapshot, || self.counters())?.encode(out)
@@ -191,7 +203,8 @@ impl Session for Pms5005 {
 enum Due {
     Ack,
     Answer(Owed),
-    Stream(Topic),
+    /// What it is about, and when it was due.
+    Stream(Topic, Instant),
     Ping,
 }
 
@@ -213,10 +226,10 @@ impl Answers {
         } else if let Some(owed) = self.extension.next() {
             count(&mut self.counters.answers_sent, 1);
             Some(Due::Answer(owed))
-        } else if let Some(topic) = self.next_stream(now) {
+        } else if let Some((topic, due)) = self.next_stream(now) {
             self.spoke = now;
             count(&mut self.counters.telemetry_sent, 1);
-            Some(Due::Stream(topic))
+            Some(Due::Stream(topic, due))
         } else if now >= self.spoke.saturating_add(PING_PERIOD) {
             self.spoke = now;
             count(&mut self.counters.pings_sent, 1);
@@ -226,9 +239,24 @@ impl Answers {
         }
     }
 
-    /// What a stream has to tell now, if any has, the streams taking turns; it moves on to its next
-    /// period, past those that it has missed.
-    fn next_stream(&mut self, now: Instant) -> Option<Topic> {
+    /// What telemetry that was due then tells: reports that were due together, as those that one frame
+    /// has asked for, tell of one moment. Unless that is a telemetry period ago.
+    fn moment(
+        &mut self,
+        due: Instant,
+        now: Instant,
+        snapshot: impl FnOnce() -> Snapshot,
+    ) -> &Snapshot {
+        let fresh = now.checked_sub(telemetry_period(self.extension.settings()));
+        if self.moment.due != due || fresh.is_some_and(|fresh| self.moment.taken <= fresh) {
+            self.moment = Moment { due, taken: now, snapshot: snapshot() };
+        }
+        &self.moment.snapshot
+    }
+
+    /// What a stream has to tell now, if any has, the streams taking turns, and since when; it moves on
+    /// to its next period, past those that it has missed.
+    fn next_stream(&mut self, now: Instant) -> Option<(Topic, Instant)> {
         // At most 65.5 s.
         let period = telemetry_period(self.extension.settings()).as_ticks() as u32;
         let is_due = |stream: &Stream| stream.due_at().is_some_and(|at| at <= now);
@@ -237,11 +265,12 @@ impl Answers {
             .find(|&turn| is_due(&self.streams[turn]))?;
         self.turn = (turn + 1) % TOPICS.len();
         let stream = &mut self.streams[turn];
+        let due = stream.due;
         // 32 bits are over an hour; a line that was blocked for longer takes up a new rhythm.
         let late = u32::try_from((now - stream.due).as_ticks()).unwrap_or(u32::MAX);
         count(&mut self.counters.telemetry_skipped, late / period);
         stream.told(now + Duration::from_ticks((period - late % period).into()));
-        Some(TOPICS[turn])
+        Some((TOPICS[turn], due))
     }
 
     /// Does what an intact frame asks of the session, and yields what it asks of the board.
@@ -320,15 +349,15 @@ impl Answers {
             }
             wire::Command::Run { scope, run } => control(Command::Run { scope, run }),
             wire::Command::Telemetry { reports, repeat } => {
-                for of in [Reports::Motors, Reports::CustomIo, Reports::Sensors] {
-                    if reports == of || reports == Reports::All {
-                        self.stream(Topic::Telemetry(of), repeat, now);
-                    }
-                }
+                let asked = |topic| match topic {
+                    Topic::Telemetry(of) => reports == of || reports == Reports::All,
+                    Topic::Health => false,
+                };
+                self.stream(asked, repeat, now);
                 None
             }
             wire::Command::Extension(ExtensionRequest::Health(repeat)) => {
-                self.stream(Topic::Health, repeat, now);
+                self.stream(|topic| topic == Topic::Health, repeat, now);
                 None
             }
             wire::Command::Extension(request) => {
@@ -341,9 +370,15 @@ impl Answers {
         }
     }
 
-    fn stream(&mut self, topic: Topic, repeat: Repeat, now: Instant) {
-        for (stream, _) in self.streams.iter_mut().zip(TOPICS).filter(|(_, of)| *of == topic) {
+    /// Starts or stops the streams that one frame asks for, which are due together from then on.
+    fn stream(&mut self, asked: impl Fn(Topic) -> bool, repeat: Repeat, now: Instant) {
+        let mut due = Instant::MIN;
+        for (stream, _) in self.streams.iter_mut().zip(TOPICS).filter(|(_, of)| asked(*of)) {
             stream.ask(repeat, now);
+            due = due.max(stream.due);
+        }
+        for (stream, _) in self.streams.iter_mut().zip(TOPICS).filter(|(_, of)| asked(*of)) {
+            stream.due = due;
         }
     }
 
