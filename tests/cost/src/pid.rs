@@ -1,6 +1,6 @@
 //! The PID controller: from set-point and measurement to a limited drive, six channels in a row.
 //!
-//! All have the same gains, a derivative, an output limited to full drive and an integral that does
+//! Both have the same gains, a derivative, an output limited to full drive and an integral that does
 //! not wind up, and use the numbers that suit them best.
 
 use core::hint::black_box;
@@ -25,11 +25,6 @@ const KI: f32 = 0.5;
 /// Drive a count per period.
 const KD: f32 = 16.0;
 
-/// The gains in parts of full drive.
-fn parts_of_full() -> [f32; 3] {
-    [KP, KI, KD].map(|gain| gain / FULL as f32)
-}
-
 /// The controllers of all channels.
 struct Bank<C, D, F> {
     /// A position in their numbers.
@@ -44,8 +39,6 @@ struct Bank<C, D, F> {
 pub fn cases() {
     measure("pid/ours", ours);
     measure("pid/idsp-i32", idsp_i32);
-    measure("pid/idsp-f32", idsp_f32);
-    measure("pid/pid-f32", pid_f32);
 }
 
 fn measure<C: Copy, D, F: FnMut(usize, C, C) -> D>(name: &str, bank: fn() -> Bank<C, D, F>) {
@@ -78,7 +71,7 @@ fn measure<C: Copy, D, F: FnMut(usize, C, C) -> D>(name: &str, bank: fn() -> Ban
 fn ours() -> Bank<Counts, Drive, impl FnMut(usize, Counts, Counts) -> Drive> {
     // In the original's numbers: Kp = 1 is 2^-15 of full drive a count, Kd = 1 is 2^-16 a count/s
     // (here a count per period), Ki = 0.01 is 2^-10/100 a count and second.
-    let [kp, ki, kd] = parts_of_full();
+    let [kp, ki, kd] = [KP, KI, KD].map(|gain| gain / FULL as f32);
     let gains = HostGains {
         kp: (kp * 32768.0) as u16,
         kd: (kd * 65536.0) as u16,
@@ -97,17 +90,13 @@ fn ours() -> Bank<Counts, Drive, impl FnMut(usize, Counts, Counts) -> Drive> {
     Bank { count: Counts::from_num, step, duty: |drive| drive.to_bits() }
 }
 
-/// A PID as the five coefficients of a biquad, in the velocity form.
-fn biquad([kp, ki, kd]: [f32; 3]) -> [f32; 5] {
-    [kp + ki + kd, -(kp + 2.0 * kd), kd, 1.0, 0.0]
-}
-
 /// idsp's clamped biquad; limiting its output is the anti-windup. The error goes in, so that a jump
 /// of the set-point kicks the derivative. Filters and states are apart, as in idsp's applications:
 /// the filters are settings.
 fn idsp_i32() -> Bank<i32, i32, impl FnMut(usize, i32, i32) -> i32> {
     const BITS: u32 = 12; // behind the point of input and output
-    let mut filter: BiquadClamp<Q32<24>, i32> = Biquad::from(biquad([KP, KI, KD])).into();
+    let coefficients = [KP + KI + KD, -(KP + 2.0 * KD), KD, 1.0, 0.0]; // a PID in the velocity form
+    let mut filter: BiquadClamp<Q32<24>, i32> = Biquad::from(coefficients).into();
     (filter.min, filter.max) = (-FULL << BITS, FULL << BITS);
     let filters: [_; CHANNELS] = core::array::from_fn(|_| filter.clone());
     let mut states: [DirectForm1<i32>; CHANNELS] = Default::default();
@@ -115,30 +104,4 @@ fn idsp_i32() -> Bank<i32, i32, impl FnMut(usize, i32, i32) -> i32> {
         filters[i].process(&mut states[i], set_point.wrapping_sub(measured))
     };
     Bank { count: |count| i32::from(count) << BITS, step, duty: |drive| drive >> BITS }
-}
-
-/// As [`idsp_i32`], in floating point.
-fn idsp_f32() -> Bank<f32, f32, impl FnMut(usize, f32, f32) -> f32> {
-    let mut filter: BiquadClamp<f32> = Biquad::from(biquad(parts_of_full())).into();
-    (filter.min, filter.max) = (-1.0, 1.0);
-    let filters: [_; CHANNELS] = core::array::from_fn(|_| filter.clone());
-    let mut states: [DirectForm1<f32>; CHANNELS] = Default::default();
-    let step = move |i: usize, set_point, measured| {
-        filters[i].process(&mut states[i], set_point - measured)
-    };
-    Bank { count: f32::from, step, duty: |drive| (drive * FULL as f32) as i32 }
-}
-
-/// The crate `pid`: every term limited, the output limited.
-fn pid_f32() -> Bank<f32, f32, impl FnMut(usize, f32, f32) -> f32> {
-    let [kp, ki, kd] = parts_of_full();
-    let mut channel = pid::Pid::new(0.0, 1.0);
-    // The proportional term far from its own limit: only the sum is to be limited.
-    channel.p(kp, f32::MAX).i(ki, 1.0).d(kd, f32::MAX);
-    let mut channels = [channel; CHANNELS];
-    let step = move |i: usize, set_point, measured| {
-        channels[i].setpoint = set_point;
-        channels[i].next_control_output(measured).output
-    };
-    Bank { count: f32::from, step, duty: |drive| (drive * FULL as f32) as i32 }
 }
