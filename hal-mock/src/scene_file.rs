@@ -9,6 +9,7 @@
 //! full_speed = 4096.0             # counts/s at full drive
 //! time_constant_s = 0.05
 //! friction = 0.03                 # of stall torque
+//! load = 0.15                     # of stall torque, pulls the counts down
 //! stall_current_a = 1.5
 //! start = 2048                    # counts
 //!
@@ -65,6 +66,7 @@ struct MotorChanges {
     full_speed: Option<f32>,
     time_constant_s: Option<f32>,
     friction: Option<f32>,
+    load: Option<f32>,
     stall_current_a: Option<f32>,
     start: Option<i64>,
 }
@@ -79,6 +81,7 @@ impl MotorChanges {
             full_speed: self.full_speed.unwrap_or(base.full_speed),
             time_constant_s: self.time_constant_s.unwrap_or(base.time_constant_s),
             friction: self.friction.unwrap_or(base.friction),
+            load: self.load.unwrap_or(base.load),
             stall_current_a: self.stall_current_a.unwrap_or(base.stall_current_a),
             start: self.start.unwrap_or(base.start),
         }
@@ -118,6 +121,7 @@ fn check(scene: &Scene) -> Result<(), String> {
         in_range(name("full_speed"), motor.full_speed, 1.0, 1e6)?;
         in_range(name("time_constant_s"), motor.time_constant_s, 1e-4, 1e3)?;
         in_range(name("friction"), motor.friction, 0.0, 1.0)?;
+        in_range(name("load"), motor.load, -1.0, 1.0)?;
         in_range(name("stall_current_a"), motor.stall_current_a, 0.0, 1e3)?;
         let start = match motor.sensor {
             ShaftSensor::Potentiometer => 0..=4095,
@@ -194,6 +198,7 @@ mod tests {
             ("[motor.0]\nspeed = 3", "speed"),
             ("[motor.3]\nsensor = \"encoder\"", "motor.3.sensor"),
             ("[motor.0]\nfull_speed = 0.0", "motor.0.full_speed"),
+            ("[motor.2]\nload = -1.5", "motor.2.load"),
             ("[environment]\nsonar_cm = [1, 2]", "line 2"),
             ("[environment]\nsonar_cm = [300, 1, 1, 1, 1, 1]", "300"),
             ("noise_lsb = nan", "noise_lsb"),

@@ -298,7 +298,7 @@ impl Extension {
             uptime_ms: milliseconds(now - self.booted),
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
-            faults: snapshot.faults.count() as u8, // 35 at the most
+            faults: snapshot.faults.count() as u8, // 47 at the most
             periods_missed: snapshot.counters.periods_missed,
         })
     }

@@ -31,6 +31,9 @@ pub struct MotorScene {
     pub time_constant_s: f32,
     /// Dry friction in parts of the stall torque, 0 to 1.
     pub friction: f32,
+    /// A load that pulls the counts down for ever, such as gravity, in parts of the stall torque, -1 to
+    /// 1.
+    pub load: f32,
     /// Current at full drive with the shaft held, in amperes.
     pub stall_current_a: f32,
     /// Position at boot in counts.
@@ -46,6 +49,7 @@ impl MotorScene {
             full_speed: 16_384.0,
             time_constant_s: 0.06,
             friction: 0.02,
+            load: 0.0,
             stall_current_a: 3.0,
             start: 0,
         };
