@@ -12,9 +12,7 @@ use std::thread;
 use hal_mock::board::Make;
 use hal_mock::plant::{MotorScene, Scene, ShaftSensor};
 use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{
-    Addressing, CHANNELS, Channel, Command, Loop, Gain, Move, Parameter, Quantity, Sensor,
-};
+use protocol::pms5005::{Channel, Parameter, Polarity, Quantity, Sensor};
 use tests::Bench;
 
 /// A wheel, and what the board was told of it.
@@ -174,8 +172,97 @@ fn what_a_host_asks_of_its_wheels_is_no_fault_of_theirs() {
         wheel(16_384, true, 5.0),
         wheel(16_384, true, 50.0),
     ];
-    let shapes = [Reversals(50), Reversals(100), Reversals(250), Reversals(500), Sine(2.0), Sine(10.0)];
+    let shapes =
+        [Reversals(50), Reversals(100), Reversals(250), Reversals(500), Sine(2.0), Sine(10.0)];
     none_trips(&wheels, &all_asked(&QUANTITIES, &shapes, &[0.5, 1.0]), 12);
+}
+
+#[test]
+fn a_joystick_and_a_heavy_wheel_that_brakes_are_no_fault() {
+    let wheel = |inertia| Wheel { full_speed: 16_384, is_told: true, inertia };
+    // DID 26, +4000 and -4000 every 250 ms, and 4000 at 2 Hz; what tripped after 17 s once.
+    let asked = [Shape::Reversals(250), Shape::Sine(2.0)].map(|shape| {
+        let (quantity, speed) = (Quantity::Velocity, 4000.0 / 16_384.0);
+        Asked { quantity, shape, speed }
+    });
+    none_trips(&[wheel(1.0)], &asked, 60);
+    // To a stop, and on the other way, from full speed.
+    for inertia in [42.0, 50.0] {
+        for quantity in [Quantity::Velocity, Quantity::Position] {
+            let mut bench = with(&wheel(inertia));
+            bench.configure(&[Parameter::Sensor(Channel::ALL[0], Sensor::Encoder)]);
+            let targets = match quantity {
+                Quantity::Velocity => [15_000, 0, -15_000, 4000, 400],
+                _ => [30_000, 16_384, 2000, 16_000, 16_384],
+            };
+            for target in targets {
+                bench.drive(quantity, 0, target, 0);
+                bench.run_alive_ms(8000);
+            }
+            assert_eq!(faults(&bench), [], "{inertia} {quantity:?}");
+            assert!(bench.bridge(0).1);
+        }
+    }
+}
+
+/// A board whose motor has this load, in parts of its stall torque.
+fn loaded(motor: usize, sensor: ShaftSensor, load: f32) -> Bench {
+    let mut scene = Scene::default();
+    scene.motors[motor] = MotorScene { load, ..MotorScene::with(sensor) };
+    Bench::with(Make { scene, ..Make::default() })
+}
+
+#[test]
+fn a_joint_that_holds_and_carries_a_load_is_no_fault() {
+    const JOINT: usize = 2;
+    for load in [0.15, -0.15] {
+        let mut bench = loaded(JOINT, ShaftSensor::Potentiometer, load);
+        bench.drive(Quantity::Position, JOINT, 2048, 0);
+        bench.run_alive_ms(30_000);
+        let sags = bench.position(JOINT) - 2048;
+        assert!((60..=128).contains(&sags.abs()), "{sags}");
+        // Let down and lifted again: slowly, in half a second, and at once.
+        for periods in [10_000, 500, 0] {
+            for target in [800, 3200, 2048] {
+                bench.drive(Quantity::Position, JOINT, target, periods);
+                bench.run_alive_ms(u64::from(periods) + 2000);
+            }
+        }
+        // Shaken.
+        for k in 0..200 {
+            bench.drive(Quantity::Position, JOINT, 2048 + [300, -300][k % 2], 0);
+            bench.run_alive_ms(100);
+        }
+        assert_eq!(faults(&bench), [], "{load}");
+        assert!(bench.bridge(JOINT).1);
+    }
+}
+
+#[test]
+fn a_wheel_on_a_slope_is_no_fault_whichever_way_it_is_wired() {
+    for (load, is_reversed) in [(0.3, false), (-0.3, false), (0.3, true), (-0.3, true)] {
+        let mut scene = Scene::default();
+        let wheel = MotorScene { load, ..MotorScene::with(ShaftSensor::Encoder) };
+        scene.motors[0] = MotorScene { reversed: is_reversed, start: 16_384, ..wheel };
+        let mut bench = Bench::with(Make { scene, ..Make::default() });
+        let polarity = if is_reversed { Polarity::Negative } else { Polarity::Positive };
+        bench.configure(&[
+            Parameter::Sensor(Channel::ALL[0], Sensor::Encoder),
+            Parameter::Polarity(Channel::ALL[0], polarity),
+        ]);
+        // Held, let down, pulled up; at 400 the drive is against the shaft all the way down.
+        for velocity in [0, 400, -400, 4000, -4000, 0] {
+            bench.drive(Quantity::Velocity, 0, velocity, 0);
+            bench.run_alive_ms(10_000);
+            let off = bench.velocity(0) - f32::from(velocity);
+            assert!(off.abs() < 50.0, "{load} {is_reversed} {velocity}: {off} off");
+        }
+        for (position, periods) in [(30_000, 10_000), (2000, 20_000), (16_384, 0)] {
+            bench.drive(Quantity::Position, 0, position, periods);
+            bench.run_alive_ms(u64::from(periods) + 3000);
+        }
+        assert_eq!(faults(&bench), [], "{load} {is_reversed}");
+    }
 }
 
 #[test]

@@ -231,8 +231,7 @@ impl Controller {
     ) -> MotorOutput {
         let i = channel.index();
         let (axis, monitor) = (&self.axes[i], &mut self.monitors[i]);
-        let (current, has_current_sensor) =
-            (motion.currents[i], self.settings.current_sensors[i]);
+        let (current, has_current_sensor) = (motion.currents[i], self.settings.current_sensors[i]);
         let faults = &self.settings.channel_faults;
         let tripped = if output.enabled {
             let observed = Observed {

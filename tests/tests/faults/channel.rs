@@ -306,6 +306,23 @@ fn a_shaft_that_runs_away_from_its_set_point_is_a_tracking_error() {
 }
 
 #[test]
+fn a_joint_with_its_potentiometer_the_wrong_way_round_is_a_tracking_error() {
+    // It has half its track to go: 0.2 s at full speed are 819 counts of 2048.
+    let mut scene = Scene::default();
+    let joint = MotorScene::with(ShaftSensor::Potentiometer);
+    scene.motors[JOINT] = MotorScene { reversed: true, ..joint };
+    for target in [2048 + 100, 4000] {
+        let mut bench = Bench::with(Make { scene, ..Make::default() });
+        bench.drive(Quantity::Position, JOINT, target, 0);
+        bench.run_alive_ms(10);
+        until_off(&mut bench, JOINT, 5000);
+        let way = 2048 - bench.position(JOINT);
+        assert!((400..=819).contains(&way), "{target}: {way} counts");
+        assert_eq!(latched(&bench), [(Fault::TrackingError, Some(Channel::ALL[JOINT]))]);
+    }
+}
+
+#[test]
 fn the_largest_kd_of_a_velocity_loop_makes_no_drive_swing() {
     // It counts as 2047, which is full drive at 128 (counts/s) per ms.
     let mut bench = Bench::new();

@@ -184,7 +184,7 @@ fn every_threshold_and_time_moves_its_fault_and_0_ends_it_where_that_is_said() {
         case(79, 0, no_encoder, silent, None),
         case(92, 0, current::<3600>, hot, None),
         case(92, 1000, current::<2000>, None, Some((Overload, [5000, 6000]))),
-        case(93, 1, current::<2000>, None, Some((Overload, [9000, 11_000]))),
+        case(93, 1, current::<2000>, None, Some((Overload, [13_000, 15_000]))),
         case(64, 1000, battery::<1, 900>, None, second(MotorBatteryLow)),
         case(64, 0, battery::<1, 800>, second(MotorBatteryLow), None),
         case(65, 2560, battery::<1, 2600>, None, second(MotorBatteryHigh)),

@@ -93,8 +93,8 @@ impl Overload {
         if self.periods >= BLOCK {
             self.end_block(settings);
         }
-        let is_limited = self.reduction > 0
-            && duty.raw().unsigned_abs() >= FULL.saturating_sub(self.reduction);
+        let is_limited =
+            self.reduction > 0 && duty.raw().unsigned_abs() >= FULL.saturating_sub(self.reduction);
         if !(self.is_hot && self.is_over) {
             self.unheeded = 0;
         } else if is_limited {

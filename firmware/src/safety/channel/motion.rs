@@ -40,7 +40,8 @@ impl Stillness {
         let has_moved = way > Counts::from(settings.still);
         self.has_stirred |= way >= TREMOR;
         if has_moved {
-            *self = Self { found: Some(position), stalled: 0, silent: 0, silent_driven: 0, ..*self };
+            *self =
+                Self { found: Some(position), stalled: 0, silent: 0, silent_driven: 0, ..*self };
         }
         has_moved
     }
