@@ -30,9 +30,9 @@
 //! | fault | with | without |
 //! |---|---|---|
 //! | 1 | a short between two readings of the converter (1 ms) | all of it |
-//! | 2 | a motor that draws less than setting 51 of it when it is held; one held by less than 0.25 A, or within 128 counts or 8 counts/s of its set-point; in PWM without a sensor a motor that turns at less than two thirds of its free speed looks like a held one | all of it: a held shaft in a closed loop is fault 4, in PWM nothing |
+//! | 2 | a motor that draws less than setting 51 of it when it is held; one held by less than 0.25 A, or within 128 counts or 8 counts/s of its set-point, or whose drive a host turns round more often than every 6 s; in PWM without a sensor a motor that turns at less than two thirds of its free speed looks like a held one | all of it: a held shaft in a closed loop is fault 4, in PWM nothing |
 //! | 3 | a swapped sensor while the loop asks for less than the dead band; a hand that drives the shaft back against the loop looks like one | the same |
-//! | 4 | below the dead band; below the duty whose held current friction draws (6 % on the default wheel); a sensor that counts, but wrongly | the same, and whatever keeps the error below setting 78 |
+//! | 4 | below the dead band; below the duty whose held current friction draws (6 % on the default wheel); a sensor that counts, but wrongly; a potentiometer that trembles under a drive that turns round | the same, and whatever keeps the error below setting 78 |
 //! | 5 | what else heats a motor, and how hot it was at boot | all of it |
 //! | 6 | an input that floats below 0.25 A, or only while the channel is driven; in PWM without a sensor, until the channel is off | of no interest |
 //!

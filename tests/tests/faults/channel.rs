@@ -150,7 +150,23 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     bench.send(Command::Run { scope: Scope::Motor(WHEEL), run: false });
     bench.run_alive_ms(600);
     assert!(!is_none(&bench), "wired again");
+    // Neither does a stop that clears what has stopped the channel.
+    let mut bench = Bench::new();
+    change(&bench, |all| all.currents[0] = Some(2048));
+    bench.run_alive_ms(600);
+    bench.drive(Quantity::Pwm, 0, 32_767, 0);
+    change(&bench, |all| all.currents[0] = Some(4000));
+    bench.run_alive_ms(2100);
+    let both = [(Fault::OverCurrent, Some(WHEEL)), (Fault::CurrentSensor, Some(WHEEL))];
+    assert_eq!((latched(&bench), bench.bridge(0)), (both.to_vec(), (0, false)));
+    change(&bench, |all| all.currents[0] = Some(2048));
+    bench.run_alive_ms(1100);
+    bench.drive(Quantity::Pwm, 0, 16_384, 0);
+    bench.run_alive_ms(50);
+    assert_eq!(latched(&bench), both[1..]);
+    assert_eq!(first_record(&mut bench).fault, Fault::CurrentSensor);
     // Near zero is no current, and neither is what a shaft that is stopped makes while it turns.
+    let mut bench = Bench::new();
     change(&bench, |all| all.currents[0] = Some(181));
     bench.run_alive_ms(5000);
     change(&bench, |all| all.currents[0] = None);
@@ -302,6 +318,31 @@ fn a_shaft_that_runs_away_from_its_set_point_is_a_tracking_error() {
         let record = first_record(&mut bench);
         assert_eq!((record.fault, record.channel), (Fault::TrackingError, Some(WHEEL)));
         off_until_cleared_and_then_runs_again(&mut bench, 0, by_clearing);
+    }
+    // The same by a polarity that does not fit.
+    for quantity in [Quantity::Velocity, Quantity::Position] {
+        let mut bench = Bench::new();
+        bench.configure(&[
+            Parameter::Sensor(WHEEL, Sensor::Encoder),
+            Parameter::Polarity(WHEEL, Polarity::Negative),
+        ]);
+        bench.drive(quantity, 0, 4000, 0);
+        bench.run_alive_ms(10);
+        until_off(&mut bench, 0, 10_000);
+        let way = -bench.position(0);
+        assert!((1638..=3277).contains(&way), "{quantity:?}: {way} counts");
+    }
+    // A host that turns round all the time hides it for no more than half a second of full speed.
+    for (quantity, back) in [(Quantity::Velocity, -2000), (Quantity::Position, 0)] {
+        let mut bench = reversed(16_384);
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        let mut farthest = 0;
+        for k in 0..40 {
+            bench.drive(quantity, 0, [2000, back][k % 2], 0);
+            bench.run_alive_with(100, |bench| farthest = farthest.max(bench.position(0).abs()));
+        }
+        assert_eq!(latched(&bench), [(Fault::TrackingError, Some(WHEEL))], "{quantity:?}");
+        assert!(farthest <= 8192, "{quantity:?}: {farthest} counts");
     }
 }
 

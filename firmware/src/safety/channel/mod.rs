@@ -153,7 +153,7 @@ impl ChannelMonitor {
         let is_at_rest = now.is_measured() && !has_moved;
         let is_quiet = now.duty == Duty::NEUTRAL && is_at_rest && self.limiting().is_none();
         if self.input.step(now.has_current_sensor, is_quiet, now.current) {
-            return Some((Fault::CurrentSensor, values(current)));
+            return Some((Fault::CurrentSensor, [current, 0, 0]));
         }
         let is_sensed = now.has_current_sensor && !self.input.floats();
 
