@@ -272,6 +272,23 @@ fn a_wheel_on_a_slope_is_no_fault_whichever_way_it_is_wired() {
 }
 
 #[test]
+fn a_fast_wheel_that_rolls_down_a_slope_faster_than_it_is_asked_to_is_no_fault() {
+    // Setting 3 tells a quarter of its speed: what is fed forward makes it run ahead of its ramp, and
+    // the drive holds it back all the way.
+    let mut scene = Scene::default();
+    let wheel = MotorScene::with(ShaftSensor::Encoder);
+    scene.motors[0] = MotorScene { load: -0.3, full_speed: 60_000.0, ..wheel };
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    bench.drive(Quantity::Velocity, 0, 0, 0);
+    bench.run_alive_ms(1000);
+    bench.drive(Quantity::Velocity, 0, 15_000, 3000);
+    bench.run_alive_ms(2000);
+    assert!(bench.velocity(0) > 10_100.0 && bench.bridge(0).0 < -655);
+    bench.run_alive_ms(3000);
+    assert_eq!((faults(&bench), bench.bridge(0).1), (vec![], true));
+}
+
+#[test]
 #[ignore = "minutes; see the head of the file"]
 fn nor_on_a_wider_grid_for_longer() {
     use Shape::*;
