@@ -9,6 +9,7 @@
 //! full_speed = 4096.0             # counts/s at full drive
 //! time_constant_s = 0.05
 //! friction = 0.03                 # of stall torque
+//! load = 0.15                     # of stall torque, pulls the counts down
 //! stall_current_a = 1.5
 //! start = 2048                    # counts
 //!
@@ -197,6 +198,7 @@ mod tests {
             ("[motor.0]\nspeed = 3", "speed"),
             ("[motor.3]\nsensor = \"encoder\"", "motor.3.sensor"),
             ("[motor.0]\nfull_speed = 0.0", "motor.0.full_speed"),
+            ("[motor.2]\nload = -1.5", "motor.2.load"),
             ("[environment]\nsonar_cm = [1, 2]", "line 2"),
             ("[environment]\nsonar_cm = [300, 1, 1, 1, 1, 1]", "300"),
             ("noise_lsb = nan", "noise_lsb"),

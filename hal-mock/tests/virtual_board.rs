@@ -286,10 +286,18 @@ fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
     ] {
         assert!(state["link"][counter].is_u64(), "{counter}");
     }
+    assert_eq!(state["motors"][0]["limiting"], json!(null));
     board.ask(json!({"set": {"jam": [true, false, false, false, false, false]}}));
     board.until(|s| s["motors"][0]["velocity"] == 0.0 && s["motors"][0]["duty"] != 0.0);
+    board.ask(json!({"set": {"motor_current": [4000, 2048, null, null, null, null]}}));
+    board.until(|s| s["motors"][0]["limiting"] == "over_current");
+    let floats = board.until(|s| s["motors"][1]["current_sensor"] == false);
+    assert_eq!(floats["motors"][2]["current_sensor"], true);
+    assert_eq!(floats["faults"], json!(["current_sensor 1"]));
+    board.ask(json!({"set": {"motor_current": null}}));
     // Two seconds after its only frame the host is silent.
-    board.until(|s| s["faults"] == json!(["link_loss"]) && s["motors"][0]["enabled"] == false);
+    let lost = json!(["link_loss", "current_sensor 1"]);
+    board.until(|s| s["faults"] == lost && s["motors"][0]["enabled"] == false);
 }
 
 #[test]

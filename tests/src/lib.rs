@@ -12,7 +12,8 @@
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/stops.rs`: nothing moves after a stop;
 //! - `tests/refusals.rs`: what is not done; `tests/order.rs`: one frame, one period;
 //! - `tests/watchdog.rs`: tasks that hang;
-//! - `tests/faults/`: every fault and its near miss, every setting of them;
+//! - `tests/faults/`: every fault and its near miss, every setting of them; `tests/healthy.rs`: what
+//!   is none;
 //! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;

@@ -153,6 +153,10 @@ fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
     let mixed = [&assign(&[(32, 20)])[..], &[0x82, 0, 0, 0, 0, 0, 0]].concat();
     let bad: &[(u8, &[u8], Verdict, u16)] = &[
         (7, &assign(&[(32, 20), (999, 1)]), Verdict::NoSuchSetting, 999),
+        // Of another firmware, and never given again.
+        (7, &assign(&[(56, 512)]), Verdict::NoSuchSetting, 56),
+        (7, &assign(&[(57, 2048)]), Verdict::NoSuchSetting, 57),
+        (7, &assign(&[(63, 64)]), Verdict::NoSuchSetting, 63),
         (7, &assign(&[(32, 20), (16, 255)]), Verdict::OutOfRange, 16),
         (7, &assign(&[(32, 20), (16, 100)]), Verdict::Contradiction, 17),
         (7, cut_short, Verdict::BadLength, 0),

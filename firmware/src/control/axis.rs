@@ -191,6 +191,16 @@ impl Axis {
         self.method
     }
 
+    /// What the loop is asked for now, in the method's unit.
+    pub fn set_point(&self) -> Counts {
+        Counts::from_bits(self.set_point)
+    }
+
+    /// Logical drive of the last period.
+    pub fn drive(&self) -> Drive {
+        self.drive
+    }
+
     /// The set-point less what is measured, in the method's unit; none for PWM.
     pub fn error(&self, now: Reading) -> Counts {
         let set_point = Counts::from_bits(self.set_point);

@@ -29,6 +29,7 @@ use crate::fmt::warning;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{ChannelMonitor, Observed};
+use crate::safety::faults::{Stops, stops};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
@@ -147,6 +148,10 @@ impl Controller {
             outputs,
             link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
             obstacle: self.guard.is_blocking(),
+            limiting: array::from_fn(|i| self.monitors[i].limiting()),
+            no_current_sensor: array::from_fn(|i| {
+                !self.settings.current_sensors[i] || self.monitors[i].current_floats()
+            }),
             faults: self.faults.latched(),
             shown_fault: ShownFault {
                 place: self.shown_fault,
@@ -203,11 +208,11 @@ impl Controller {
             self.monitors[i].limit(&mut limits);
             let output = self.axes[i].step(reading, &limits);
             // Whatever channel and servo are about: what is latched is off.
-            if latched.stops_motor(channel) {
-                self.monitors[i] = ChannelMonitor::default();
-            } else {
-                outputs.motors[i] = self.watch(channel, output, reading, motion);
-            }
+            let output = match latched.stops_motor(channel) {
+                true => MotorOutput::default(),
+                false => output,
+            };
+            outputs.motors[i] = self.watch(channel, output, reading, motion);
             if !latched.stops_servos() {
                 outputs.servos[i] = self.servos[i].step();
             }
@@ -224,26 +229,32 @@ impl Controller {
         motion: &MotionInputs,
     ) -> MotorOutput {
         let i = channel.index();
-        if !output.enabled {
-            self.monitors[i] = ChannelMonitor::default();
-            return output;
-        }
-        let axis = &self.axes[i];
-        let observed = Observed {
-            current: motion.currents[i],
-            duty: output.duty,
-            sensor: axis.sensor(),
-            reading,
-            method: axis.method(),
-            error: axis.error(reading),
-            sensor_is_chosen: axis.sensor_is_chosen(),
+        let (axis, monitor) = (&self.axes[i], &mut self.monitors[i]);
+        let (current, has_current_sensor) = (motion.currents[i], self.settings.current_sensors[i]);
+        let faults = &self.settings.channel_faults;
+        let tripped = if output.enabled {
+            let observed = Observed {
+                current,
+                has_current_sensor,
+                duty: output.duty,
+                drive: axis.drive(),
+                sensor: axis.sensor(),
+                reading,
+                full_speed: self.settings.full_speed(axis.sensor()),
+                method: axis.method(),
+                set_point: axis.set_point(),
+                error: axis.error(reading),
+                sensor_is_chosen: axis.sensor_is_chosen(),
+            };
+            monitor.step(&observed, faults)
+        } else {
+            monitor.step_off(current, has_current_sensor, faults)
         };
-        match self.monitors[i].step(&observed, &self.settings.channel_faults) {
-            Some((fault, values)) => {
-                self.trip(fault, Some(channel), values);
-                MotorOutput::default()
-            }
-            None => output,
+        let Some((fault, values)) = tripped else { return output };
+        self.trip(fault, Some(channel), values);
+        match stops(fault) {
+            Stops::Nothing => output,
+            Stops::Channel | Stops::Motors | Stops::MotorsAndServos => MotorOutput::default(),
         }
     }
 
@@ -447,7 +458,7 @@ impl Controller {
         let i = channel.index();
         if sensor != self.axes[i].sensor() {
             self.angles[i] = Shaft::default();
-            self.monitors[i] = ChannelMonitor::default();
+            self.monitors[i].forget_motion();
             if let Some(angle) = angle(channel, sensor, motion) {
                 self.angles[i].update(angle, scale(sensor));
             }

@@ -5,6 +5,7 @@ use protocol::pms5005::extension::FaultRecord;
 
 use crate::command::ENCODERS;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
+use crate::safety::channel::Limiting;
 use crate::safety::latch::Latched;
 use crate::units::{CountsPerSecond, Duty};
 
@@ -46,6 +47,11 @@ pub struct Snapshot {
     pub link_loss: bool,
     /// The collision protection forbids forward drive.
     pub obstacle: bool,
+    /// Why a DC channel may not use all of its drive, if so.
+    pub limiting: [Option<Limiting>; CHANNELS],
+    /// Which DC channels have no current sensor that can be believed: a setting says so, or the input
+    /// reads a current where none can be. Stall by current and overload are off there.
+    pub no_current_sensor: [bool; CHANNELS],
     /// Counters.
     pub counters: ControlCounters,
     /// The longest time so far, in microseconds, from the tick that begins a control period until
@@ -81,6 +87,8 @@ impl Snapshot {
         },
         link_loss: false,
         obstacle: false,
+        limiting: [None; CHANNELS],
+        no_current_sensor: [false; CHANNELS],
         worst_latency_us: 0,
         faults: Latched::NONE,
         shown_fault: ShownFault { place: 0, total: 0, record: None },

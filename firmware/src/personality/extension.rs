@@ -337,7 +337,7 @@ impl Extension {
             uptime_ms: (now - self.booted).as_millis() as u32, // wraps
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
-            faults: snapshot.faults.count() as u8, // 35 at the most
+            faults: snapshot.faults.count() as u8, // 47 at the most
             periods_missed: snapshot.counters.periods_missed,
         })
     }

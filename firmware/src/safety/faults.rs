@@ -4,9 +4,11 @@
 //! | fault | trips when (defaults; every number is a setting) | stops |
 //! |---|---|---|
 //! | 1 over-current | 5 A or more have held the drive down for 2 s; until then it is only limited | its channel |
-//! | 2 stall | at half of full drive or more and with 1 A or more (of full drive's) the shaft has not moved 8 counts for 6 s | its channel |
-//! | 3 tracking error | at a quarter of full drive or more, 512 counts or 2048 counts/s off, the shaft moves away from the set-point, or the drive turns round within 100 ms: 1.5 s of it, and as much again for every 3 s in between without | its channel |
-//! | 4 sensor lost | in a closed loop: driven as above, but without the current of a shaft that is held fast, no motion for 500 ms (250 ms at an end of a potentiometer); or a potentiometer has jumped 128 counts in a period and has stayed there for 20 ms | its channel |
+//! | 2 stall | the shaft draws the current of one that is held at this duty (1 A of full drive's, and 0.25 A at least) and has not moved 8 counts for 6 s, 128 counts off in a position loop, 8 counts/s in a velocity loop; the time begins anew with every reversal of the drive. PWM of which nobody has said that a sensor measures it: the current alone | its channel |
+//! | 3 tracking error | in a closed loop: above the dead band (4 % of full drive) the shaft moves against the drive and away from the set-point without slowing down, as far as it comes in 150 ms at full speed (settings 3, 4); or the loop hunts: it turns its drive round, at a quarter of full drive or more, within 100 ms though its set-point has stood for 500 ms: 1.5 s of it, and as much again for every 3 s in between without | its channel |
+//! | 4 sensor lost | in a closed loop: above the dead band, without the current of a shaft that is held at this duty, no motion of 8 counts for 2 s; at half of full drive or more for 500 ms (250 ms at an end of a potentiometer); or a potentiometer has jumped 128 counts in a period and has stayed there for 20 ms | its channel |
+//! | 5 overload | 2.5 A for ever are borne, more for a while (time constant 10 s); then the drive is limited to what brings the current back, and that is no fault; it is one if for 2 s of that the current is 5 % above | its channel |
+//! | 6 current sensor | a current input reads 0.25 A or more for 500 ms while the channel is off, or neutral with its shaft at rest; until it reads less there it counts as none | nothing |
 //! | 16 motor battery low | 1 V to 5 V for 1 s | all DC channels |
 //! | 17 motor battery high | off by default: the board measures to 24 V, and so much is allowed | all DC channels |
 //! | 18 servo battery low | 1 V to 4 V for 1 s | all DC channels and servos |
@@ -18,6 +20,21 @@
 //! | 24 receive overrun | the line says so | nothing |
 //! | 25 settings corrupt | at boot | nothing |
 //! | 26 watchdog reset | at boot | nothing |
+//!
+//! Whether a channel has a current sensor is a setting of it (100 and up). Without one, or with an
+//! input that floats (fault 6), there is no stall by current and no overload, and fault 4 needs the
+//! error of fault 2 too; a snapshot says of which channels that is so, and which are limited, and why.
+//!
+//! What cannot be told, with a current sensor and without:
+//!
+//! | fault | with | without |
+//! |---|---|---|
+//! | 1 | a short between two readings of the converter (1 ms) | all of it |
+//! | 2 | a motor that draws less than setting 51 of it when it is held; one held by less than 0.25 A, or within 128 counts or 8 counts/s of its set-point, or whose drive a host turns round more often than every 6 s; in PWM without a sensor a motor that turns at less than two thirds of its free speed looks like a held one | all of it: a held shaft in a closed loop is fault 4, in PWM nothing |
+//! | 3 | a swapped sensor while the loop asks for less than the dead band; a hand that drives the shaft back against the loop looks like one | the same |
+//! | 4 | below the dead band; below the duty whose held current friction draws (6 % on the default wheel); a sensor that counts, but wrongly; a potentiometer that trembles under a drive that turns round | the same, and whatever keeps the error below setting 78 |
+//! | 5 | what else heats a motor, and how hot it was at boot | all of it |
+//! | 6 | an input that floats below 0.25 A, or only while the channel is driven; in PWM without a sensor, until the channel is off | of no interest |
 //!
 //! Where a range has two ends, what lies beyond the far one is an input that is not wired: a
 //! battery of 0 V runs no board. An input that floats at mid-scale reads 12 V, 4.5 V, 8 and 23
@@ -41,9 +58,11 @@ pub enum Stops {
 /// What this fault stops.
 pub const fn stops(fault: Fault) -> Stops {
     match fault {
-        Fault::OverCurrent | Fault::Stall | Fault::TrackingError | Fault::SensorLost => {
-            Stops::Channel
-        }
+        Fault::OverCurrent
+        | Fault::Stall
+        | Fault::TrackingError
+        | Fault::SensorLost
+        | Fault::Overload => Stops::Channel,
         Fault::MotorBatteryLow
         | Fault::MotorBatteryHigh
         | Fault::MainBatteryLow
@@ -51,8 +70,10 @@ pub const fn stops(fault: Fault) -> Stops {
         | Fault::AmbientTooHot
         | Fault::PeriodMissed => Stops::Motors,
         Fault::ServoBatteryLow => Stops::MotorsAndServos,
-        Fault::LinkLoss | Fault::ReceiveOverrun | Fault::SettingsCorrupt | Fault::WatchdogReset => {
-            Stops::Nothing
-        }
+        Fault::CurrentSensor
+        | Fault::LinkLoss
+        | Fault::ReceiveOverrun
+        | Fault::SettingsCorrupt
+        | Fault::WatchdogReset => Stops::Nothing,
     }
 }

@@ -52,6 +52,8 @@ impl Latched {
     /// The board's faults that stop all DC channels, and those that stop the servos too.
     const MOTORS: u16 = Self::of_board(true);
     const SERVOS: u16 = Self::of_board(false);
+    /// A channel's faults that stop it.
+    const CHANNEL: u8 = Self::of_channel();
 
     const fn of_board(motors: bool) -> u16 {
         let (mut bits, mut faults) = (0, Fault::ALL);
@@ -60,6 +62,17 @@ impl Latched {
                 Stops::MotorsAndServos => bits |= board_bit(*fault),
                 Stops::Motors if motors => bits |= board_bit(*fault),
                 Stops::Motors | Stops::Channel | Stops::Nothing => {}
+            }
+            faults = rest;
+        }
+        bits
+    }
+
+    const fn of_channel() -> u8 {
+        let (mut bits, mut faults) = (0, Fault::ALL);
+        while let [fault, rest @ ..] = faults {
+            if matches!(stops(*fault), Stops::Channel) {
+                bits |= channel_bit(*fault);
             }
             faults = rest;
         }
@@ -91,7 +104,7 @@ impl Latched {
 
     /// Whether this DC channel must stay off.
     pub fn stops_motor(&self, channel: Channel) -> bool {
-        self.channels[channel.index()] != 0 || self.board & Self::MOTORS != 0
+        self.channels[channel.index()] & Self::CHANNEL != 0 || self.board & Self::MOTORS != 0
     }
 
     /// Whether the servos must stay off.
@@ -149,9 +162,11 @@ impl Faults {
         match record.channel {
             Some(channel) => {
                 self.latched.channels[channel.index()] |= channel_bit(record.fault);
-                let trips = &mut self.trips[channel.index()];
-                trips.rotate_right(1);
-                trips[0] = Some(record.uptime_ms);
+                if stops(record.fault) != Stops::Nothing {
+                    let trips = &mut self.trips[channel.index()];
+                    trips.rotate_right(1);
+                    trips[0] = Some(record.uptime_ms);
+                }
             }
             None => {
                 self.latched.board |= board_bit(record.fault);
@@ -183,8 +198,10 @@ impl Faults {
             && has_stood(newest)
             && !is_too_often(&trips)
         {
-            self.forget(|record| record.channel == Some(channel));
-            self.latched.channels[channel.index()] = 0;
+            self.forget(|record| {
+                record.channel == Some(channel) && stops(record.fault) != Stops::Nothing
+            });
+            self.latched.channels[channel.index()] &= !Latched::CHANNEL;
         }
         // What was stopped while the board still suffered must be stopped again.
         if Fault::ALL.iter().any(|&fault| self.latched.has(fault, None) && lasts(fault)) {
@@ -216,22 +233,24 @@ impl Faults {
     /// stops nothing stays on record. What of the board `lasts` stays latched: or a host that clears
     /// again and again would drive in between.
     pub fn clear(&mut self, scope: Scope, only_stops: bool, lasts: impl Fn(Fault) -> bool) {
+        let stops_nothing = |fault| only_stops && stops(fault) == Stops::Nothing;
         let stays = |fault, channel: Option<Channel>| match (scope, channel) {
             (Scope::All, None) if lasts(fault) => true,
-            (Scope::All, _) => only_stops && stops(fault) == Stops::Nothing,
-            (Scope::Motor(of), Some(channel)) => of != channel,
+            (Scope::All, _) => stops_nothing(fault),
+            (Scope::Motor(of), Some(channel)) => of != channel || stops_nothing(fault),
             (Scope::Motor(_), None) | (Scope::Servo(_), _) => true,
         };
+        let cleared = if only_stops { Latched::CHANNEL } else { u8::MAX };
         match scope {
             Scope::All => {
-                self.latched.channels = [0; CHANNELS];
+                self.latched.channels.iter_mut().for_each(|bits| *bits &= !cleared);
                 self.trips = Default::default();
                 for &fault in Fault::ALL.iter().filter(|&&fault| !stays(fault, None)) {
                     self.latched.board &= !board_bit(fault);
                 }
             }
             Scope::Motor(channel) => {
-                self.latched.channels[channel.index()] = 0;
+                self.latched.channels[channel.index()] &= !cleared;
                 self.trips[channel.index()] = Default::default();
             }
             Scope::Servo(_) => {}

@@ -239,7 +239,14 @@ mod tests {
 
     #[test]
     fn a_record_of_another_firmware_keeps_what_both_know() {
-        let entries = [[32, 0, 20, 0, 0, 0], [0xE7, 3, 1, 2, 3, 4]]; // 32, and 999 of the future
+        // 32, and 999 of the future; 56, 57 and 63 of the past.
+        let entries = [
+            [32, 0, 20, 0, 0, 0],
+            [0xE7, 3, 1, 2, 3, 4],
+            [56, 0, 0, 2, 0, 0],
+            [57, 0, 0, 8, 0, 0],
+            [63, 0, 64, 0, 0, 0],
+        ];
         let record = [&HEADER[..], entries.as_flattened()].concat();
         let mut expected = Settings::DEFAULT;
         expected.set(32, 20).unwrap();

@@ -2,7 +2,8 @@
 //! has it. The structs that the code uses are made of it, with their defaults.
 //!
 //! Numbers never change their meaning and are never given again: they are on the wire (DIDs 7 and
-//! 96, and what carries the same to an arm) and in the flash. A value is a whole number; 0 and 1
+//! 96, and what carries the same to an arm) and in the flash. 56, 57 and 63 (the tracking errors of
+//! fault 3 before it knew which way a shaft goes) have had theirs. A value is a whole number; 0 and 1
 //! stand for no and yes. A row may hold a *bank*: the same setting of several channels or joints.
 
 use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
@@ -279,13 +280,17 @@ settings! {
         collision: CollisionSettings = CollisionSettings::DEFAULT;
         /// Limits of the DC channels' positions.
         soft_limits: [SoftLimits; CHANNELS] = [SoftLimits::NONE; CHANNELS];
+        /// Whether a DC channel's current can be measured.
+        current_sensors: [bool; CHANNELS] = [true; CHANNELS];
         /// Faults of every DC channel.
         channel_faults: ChannelFaultSettings = ChannelFaultSettings::DEFAULT;
         /// Faults of the board.
         board_faults: BoardFaultSettings = BoardFaultSettings::DEFAULT;
     }
-
     and {
+        100 + 1 * [0..=5], "current sensor", Flag, 0..=1, 1,
+            "whether channel n has one; without, faults 2 and 5 are off and 4 is slower to tell",
+            |s, n| Some(s.control.current_sensors.get_mut(n)?);
         180 + 4 * [0..=5], "slew time", Milliseconds, 0..=60000, 0,
             "from no drive to full drive, at least; what stops is not slewed; 0 is at once",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.slew_ms);
@@ -343,12 +348,12 @@ settings! {
         over_current_ms: u16 = 2000, 49, "over-current time", Milliseconds, 0..=60000,
             "fault 1: how long it may be limited; 0 for ever";
         driven: u16 = 8192, 50, "driven", Duty, 1..=16384,
-            "faults 2 to 4: a channel is driven from this duty on";
+            "faults 3, 4: a channel is driven from this duty on; 3 takes half of it";
         stall_current: u16 = 728, 51, "stall current", AdCounts, 0..=4095,
-            "faults 2, 4: what a shaft that is held fast draws at full drive, at least (728 is 1 A)";
+            "faults 2, 4: a held shaft's current at full drive, at least; less in proportion (728 is 1 A)";
         /// Wheels push against a wall for a while, and nothing runs away.
         stall_ms: u16 = 6000, 52, "stall time", Milliseconds, 0..=60000,
-            "fault 2: how long a driven shaft may be held fast; 0 for ever";
+            "fault 2: how long a shaft may be held fast; 0 for ever";
         sensor_ms: u16 = 500, 53, "sensor time", Milliseconds, 0..=60000,
             "fault 4: how long a driven loop may see no motion; 0 for ever";
         rail_ms: u16 = 250, 54, "rail time", Milliseconds, 0..=60000,
@@ -356,12 +361,8 @@ settings! {
         /// By default a turn takes 35 ms.
         jump: u16 = 128, 55, "sensor jump", Counts, 0..=4095,
             "fault 4: what no potentiometer moves in a control period; 0 is anything";
-        tracking_position: u16 = 512, 56, "tracking position", Counts, 0..=32767,
-            "fault 3: how far a position loop may be off";
-        tracking_velocity: u16 = 2048, 57, "tracking velocity", CountsPerSecond, 0..=65535,
-            "fault 3: how far a velocity loop may be off";
         tracking_ms: u16 = 1500, 58, "tracking time", Milliseconds, 0..=30000,
-            "fault 3: how long a loop may be astray or hunt; 0 for ever";
+            "fault 3: how long a loop may hunt; 0 for ever";
         jump_ms: u8 = 20, 59, "jump time", Milliseconds, 1..=200,
             "fault 4: how long a jump must last; one bad reading is no lost sensor";
         /// A loop that goes on a move reverses once or twice; more than seven times a second
@@ -370,11 +371,24 @@ settings! {
             "fault 3: a loop hunts for so long after it has reversed its drive; 0 never does";
         /// Less than the default is noise of a converter, or of an encoder that stands on an edge.
         still: u16 = 8, 61, "still", Counts, 0..=4095,
-            "faults 2, 4: a shaft that stays so near stands still";
+            "faults 2, 4: a shaft that stays so near stands still; a velocity so far off is an error";
         rail: u16 = 8, 62, "rail", Counts, 0..=2047,
             "fault 4: a potentiometer so near to an end of its track is at the rail";
-        away: u16 = 64, 63, "tracking away", CountsPerSecond, 0..=65535,
-            "fault 3: a shaft that moves away from its set-point does so faster";
+        /// Off before it has gone as far as in 200 ms.
+        wrong_way_ms: u16 = 150, 76, "wrong way", Milliseconds, 0..=60000,
+            "fault 3: a shaft may go so far against its drive as at full speed in this time; 0 is off";
+        dead_band: u16 = 655, 77, "dead band", Duty, 0..=16384,
+            "faults 2 to 4: a duty below this need not move a shaft";
+        /// More than a loaded joint sags.
+        stall_error: u16 = 128, 78, "stall error", Counts, 0..=32767,
+            "faults 2, 4: a position loop that is less far off only holds a load";
+        lost_ms: u16 = 2000, 79, "sensor lost time", Milliseconds, 0..=60000,
+            "fault 4: how long a loop above the dead band may see no motion; 0 for ever";
+        /// Above what the default motors draw when they work, below what a held one draws.
+        continuous_current: u16 = 1820, 92, "continuous current", AdCounts, 0..=4095,
+            "fault 5: what a motor bears for ever (1820 is 2.5 A); 0 is off";
+        thermal_s: u16 = 10, 93, "thermal time", Seconds, 1..=600,
+            "fault 5: time constant of a motor's heat";
     }
 
     /// When the board's faults trip, in A/D counts; a threshold of 0 never does.

@@ -3,13 +3,13 @@
 //! Per unit of full drive, with the motor's own numbers (`full_speed`, `time_constant_s`, ...):
 //!
 //! ```text
-//!   dv/dt   = (drive * full_speed - v) / time_constant - friction - load     (bridge enabled)
-//!   current = stall_current * (drive - v / full_speed)                (back-EMF included)
+//!   dv/dt   = (drive * full_speed - v) / time_constant - load - friction   (bridge enabled)
+//!   current = stall_current * (drive - v / full_speed)                     (back-EMF included)
 //! ```
 //!
-//! which is a brushed motor with inertia, back-EMF and dry friction, its inductance neglected (it
-//! is over in a fraction of a millisecond). A disabled bridge carries no current: the shaft
-//! coasts against friction. An enabled one with no drive shorts the motor, which brakes it.
+//! which is a brushed motor with inertia, back-EMF, a constant load and dry friction, its inductance
+//! neglected (it is over in a fraction of a millisecond). A disabled bridge carries no current: the
+//! shaft coasts against friction. An enabled one with no drive shorts the motor, which brakes it.
 
 use firmware::ports::MotorOutput;
 use firmware::units::Duty;
@@ -73,9 +73,9 @@ impl Motor {
             (STEP_S / (scene.time_constant_s * COASTING), 0.0)
         };
         // Implicit in the drag, so that no time constant is too short.
-        let load = scene.load * scene.full_speed * STEP_S / scene.time_constant_s;
-        let free = (self.velocity - load + push * scene.full_speed * drag) / (1.0 + drag);
-        let friction = scene.friction * scene.full_speed * STEP_S / scene.time_constant_s;
+        let of_stall_torque = scene.full_speed * STEP_S / scene.time_constant_s;
+        let (load, friction) = (scene.load * of_stall_torque, scene.friction * of_stall_torque);
+        let free = (self.velocity + push * scene.full_speed * drag - load) / (1.0 + drag);
         self.velocity =
             if jammed || free.abs() <= friction { 0.0 } else { free - friction * free.signum() };
         self.current_a = if output.enabled {

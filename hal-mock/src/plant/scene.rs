@@ -31,7 +31,8 @@ pub struct MotorScene {
     pub time_constant_s: f32,
     /// Dry friction in parts of the stall torque, 0 to 1.
     pub friction: f32,
-    /// A weight that pulls the counts down, in parts of the stall torque, -1 to 1.
+    /// A load that pulls the counts down for ever, such as gravity, in parts of the stall torque, -1 to
+    /// 1.
     pub load: f32,
     /// Current at full drive with the shaft held, in amperes.
     pub stall_current_a: f32,

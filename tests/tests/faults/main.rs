@@ -1,7 +1,8 @@
 //! Every fault: its cause, how long until nothing is driven (not later, and not sooner), its
 //! record, what a host must do to go on; and its near miss, which must not trip.
 //!
-//! - `channel`: over-current, stall, tracking error, lost sensor, soft limits;
+//! - `channel`: over-current, overload, stall, tracking error, lost sensor, a current input that
+//!   floats, soft limits;
 //! - `board`: batteries, temperatures, control periods, and what is only on record;
 //! - `settings`: every threshold and time moves its fault.
 
@@ -10,6 +11,7 @@ mod channel;
 mod settings;
 
 use embassy_time::{Duration, Instant};
+use firmware::safety::channel::Limiting;
 use firmware::settings::{Settings, SoftLimits};
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::clock;
@@ -17,7 +19,7 @@ use hal_mock::flash::Flash;
 use hal_mock::plant::{MotorScene, Overrides, Scene, ShaftSensor};
 use protocol::pms5005::extension::{Answer, Fault, FaultRecord, ResetCause};
 use protocol::pms5005::{
-    Channel, Command, Gain, Loop, Method, Parameter, Quantity, Scope, Sensor, did,
+    Channel, Command, Gain, Loop, Method, Parameter, Polarity, Quantity, Scope, Sensor, did,
 };
 use tests::Bench;
 use tests::Link::Alive;

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use embassy_time::Instant;
 use firmware::controller::Snapshot;
+use firmware::safety::channel::Limiting;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
@@ -146,6 +147,10 @@ struct MotorState {
     /// Counts per second.
     velocity: f32,
     current_a: f32,
+    /// Why it may not use all of its drive: `over_current`, `overload`, or not at all.
+    limiting: Option<&'static str>,
+    /// Whether its current can be believed.
+    current_sensor: bool,
 }
 
 #[derive(Serialize)]
@@ -188,6 +193,11 @@ impl State {
                 position: plant.motors[i].position(),
                 velocity: plant.motors[i].velocity(),
                 current_a: plant.motors[i].current_a(),
+                limiting: snapshot.limiting[i].map(|limiting| match limiting {
+                    Limiting::OverCurrent => "over_current",
+                    Limiting::Overload => "overload",
+                }),
+                current_sensor: !snapshot.no_current_sensor[i],
             }),
             servos: outputs.servos.map(|pulse| ServoState {
                 enabled: pulse.is_some(),

@@ -34,6 +34,10 @@ faults! {
     TrackingError = 3, ["error (counts, or counts/s)", "duty (1/16384)", "position (counts)"];
     /// A channel's sensor says what cannot be.
     SensorLost = 4, ["position (counts)", "duty (1/16384)", "last good position (counts)"];
+    /// A channel's motor draws too much for ever, however little it is driven.
+    Overload = 5, ["current (A/D)", "duty (1/16384)", "position (counts)"];
+    /// A channel's current input reads a current where none can be.
+    CurrentSensor = 6, ["current (A/D)"];
     /// The motors' battery is low.
     MotorBatteryLow = 16, ["battery (A/D)"];
     /// The motors' battery is too high.
