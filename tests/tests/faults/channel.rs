@@ -491,6 +491,20 @@ fn an_encoder_that_is_pulled_is_missed_at_any_speed() {
 }
 
 #[test]
+fn a_loop_that_takes_over_from_pwm_has_its_time_to_see_motion() {
+    let mut bench = Bench::new();
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    change(&bench, |all| all.encoders[0] = Some(0));
+    bench.drive(Quantity::Pwm, 0, 16_384 + 12_000, 0);
+    bench.run_alive_ms(10_000);
+    assert_eq!(latched(&bench), []);
+    bench.drive(Quantity::Velocity, 0, 8000, 0);
+    let off = until_off(&mut bench, 0, 3000);
+    assert!((500..=1000).contains(&off), "{off}");
+    assert_eq!(latched(&bench), [(Fault::SensorLost, Some(WHEEL))]);
+}
+
+#[test]
 fn a_potentiometer_whose_wire_is_off_stops_its_joint_at_once() {
     for reads in [0, 4095] {
         let mut bench = Bench::new();

@@ -178,6 +178,7 @@ fn every_threshold_and_time_moves_its_fault_and_0_ends_it_where_that_is_said() {
         case(76, 0, runaway_velocity, astray, None),
         case(76, 500, runaway_position, astray, Some((TrackingError, [500, 620]))),
         case(77, 3000, no_encoder, silent, None),
+        case(77, 0, holding, None, None),
         case(78, 50, joint_jammed::<120>, None, stall),
         case(78, 400, joint_jammed::<200>, stall, None),
         case(79, 1000, no_encoder, silent, Some((SensorLost, [990, 1200]))),

@@ -13,8 +13,8 @@ const LAST_COUNT: Counts = Counts::const_from_int(4095);
 /// An encoder that stands on an edge trembles by less.
 const TREMOR: Counts = Counts::const_from_int(2);
 
-/// For how long a shaft has stood still, and how. Motion ends all of it, and so does being off; what
-/// flickers between two of them ends neither. A drive that turns round begins the stall anew, and the
+/// For how long a shaft has stood still, and how. Motion ends all of it, and so does being off. A
+/// current that flickers about that of a held shaft ends neither, and the more frequent counts. A drive that turns round begins the stall anew, and the
 /// rest too if the shaft has followed it ever so little: a heavy wheel that a host shakes does not
 /// leave its place.
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,8 +65,9 @@ impl Stillness {
             Method::Position => now.error.saturating_abs() >= Counts::from(settings.stall_error),
             Method::Velocity => now.error.saturating_abs() >= Counts::from(settings.still),
         };
+        let is_above_dead_band = duty >= settings.dead_band.max(1);
         let is_forward = now.duty.raw() > 0;
-        if duty >= settings.dead_band.max(1) && is_forward != self.driven_forward {
+        if is_above_dead_band && is_forward != self.driven_forward {
             self.stalled = 0;
             if self.has_stirred {
                 (self.silent, self.silent_driven) = (0, 0);
@@ -86,10 +87,12 @@ impl Stillness {
         } else if !is_asked_to_move {
             self.stalled = self.stalled.saturating_sub(1);
         }
-        if duty < settings.dead_band {
+        if !now.is_closed() {
+            (self.silent, self.silent_driven) = (0, 0);
+        } else if !is_above_dead_band || is_held {
             self.silent = self.silent.saturating_sub(1);
             self.silent_driven = self.silent_driven.saturating_sub(1);
-        } else if !is_held && (is_sensed || is_asked_to_move) {
+        } else if is_sensed || is_asked_to_move {
             self.silent = self.silent.saturating_add(1);
             if duty >= settings.driven {
                 self.silent_driven = self.silent_driven.saturating_add(1);
