@@ -257,6 +257,7 @@ fn chaos(seed: u64) -> [u32; 32] {
     let mut random = Random(seed);
     let mut settings = Settings::DEFAULT;
     settings.control.board_faults.motor_battery_high = 3000;
+    settings.control.channel_faults.thermal_s = 1; // or hardly any motor is hot before it is commanded anew
     settings.control.soft_limits[LIMITED.index()] = SOFT;
     let mut controller = Controller::new(settings.control);
     let mut session = Pms5005::new(settings, Boot::default(), Instant::from_millis(0));
