@@ -110,11 +110,11 @@ fn a_servo_that_is_back_takes_part_within_five_seconds_and_the_pc_hears_a_hello(
     let Some((_, Said::Report(last))) = said.last() else { panic!("no report") };
     assert!(last.iter().all(Option::is_some));
 
-    // Said until answered; goals go on meanwhile.
-    bench.run_alive_ms(3000, goal(600));
+    // Said every 10 s until answered; goals go on meanwhile.
+    bench.run_alive_ms(30_000, goal(600));
     assert_eq!(bench.hellos().len(), 3);
     bench.answer(1, &[limits(0, 1023)]);
-    bench.run_alive_ms(3000, goal(600));
+    bench.run_alive_ms(12_000, goal(600));
     assert!(bench.hellos().is_empty());
 }
 
@@ -142,9 +142,9 @@ fn servos_that_come_back_together_are_told_together() {
     (0..18).for_each(|servo| bench.board.bus.bus().plug(servo));
     bench.run_alive_ms(1000, goal(600));
     let hellos = bench.hellos();
-    assert!((2..=5).contains(&hellos.len()), "{}", hellos.len());
+    assert!((1..=5).contains(&hellos.len()), "{}", hellos.len());
     let apart = hellos.windows(2).map(|pair| (pair[1].0 - pair[0].0).as_millis());
-    assert!(apart.min().unwrap() >= 195, "hellos follow each other too closely");
+    assert!(apart.min() >= Some(195) || hellos.len() == 1, "hellos follow each other too closely");
     assert_eq!(bench.counters(17).returns, 1);
 }
 
