@@ -18,8 +18,8 @@
 //! coincide while a list that has grown is being agreed on again:
 //! - a hello of 8n - 1 servos is as long as a report of n;
 //! - an answer for m servos is as long as goals for n if 4m + 1 = 15n (11 and 3 at the least). Next
-//!   to nothing is both, since goals have slopes, which are at least 1 and mostly 32, where an
-//!   answer has the high byte of a limit, which is at most 3. What is both is an answer while a
+//!   to nothing is both, since goals have slopes, which are mostly 32, where an answer has the high
+//!   byte of a limit, which is at most 3. What is both is an answer while a
 //!   hello has not been answered.
 //!
 //! The 5-byte answer is never ambiguous. But since it is good for any number of servos, a late one

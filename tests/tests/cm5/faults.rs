@@ -354,17 +354,38 @@ fn the_shutdown_of_a_servo_is_not_undone_but_by_a_newer_goal() {
     bench.run_ms(10);
     for _ in 0..2000 {
         bench.board.run_for(Duration::from_micros(997));
-        assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 0);
+        assert_eq!(bench.goal_of(0).get(Register::TORQUE_LIMIT), 0);
     }
     bench.board.bus.bus().servo(0).surroundings.temperature_c = 60;
     bench.run_ms(1000);
-    let off = (
-        bench.goal_of(0).get(Register::TORQUE_ENABLE),
-        bench.goal_of(0).get(Register::TORQUE_LIMIT),
-    );
-    assert_eq!((off, bench.goal_of(1)), ((0, 0), goal(600)));
+    let off = goal(600).with(Register::TORQUE_LIMIT, 0);
+    assert_eq!([bench.goal_of(0), bench.goal_of(1)], [off, goal(600)]);
     // A PC may insist: a joint that is overloaded must be able to back off.
     bench.send_goal(goal(500));
     bench.run_ms(10);
     assert_eq!(bench.goal_of(0), goal(500));
+}
+
+#[test]
+fn an_overload_shuts_a_servo_down_as_from_the_factory_and_goals_do_not_undo_it() {
+    // Whatever of the cycle it comes in.
+    for us in (0..2000).step_by(250) {
+        let mut bench = Bench::at_work(Make { servos: servos([1, 2]), ..Make::default() });
+        bench.run_alive_ms(500, goal(600));
+        bench.board.run_for(Duration::from_micros(us));
+        bench.board.bus.bus().servo(0).surroundings.jammed = true;
+        bench.send_goal(goal(300));
+        bench.run_ms(550);
+        for _ in 0..500 {
+            bench.run_ms(1);
+            assert_eq!(bench.goal_of(0).get(Register::TORQUE_LIMIT), 0);
+        }
+        assert!(bench.counters(0).errors_seen.contains(protocol::dynamixel::Errors::OVERLOAD));
+        assert_eq!(bench.goal_of(1), goal(300));
+        bench.board.bus.bus().servo(0).surroundings.jammed = false;
+        bench.send_goal(goal(300));
+        bench.run_ms(1000);
+        let position = bench.register(0, Register::PRESENT_POSITION);
+        assert!((299..=301).contains(&position), "{position}");
+    }
 }

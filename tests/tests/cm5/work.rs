@@ -73,7 +73,7 @@ fn a_goal_that_no_servo_takes_changes_nothing_and_does_not_keep_it_from_stopping
     let mut bench = Bench::new(servos([1]));
     bench.agree(1000, &[limits(0, 0)], 1);
     bench.run_alive_ms(500, goal(512));
-    bench.send_goal(goal(0).with(Register::CW_SLOPE, 0).with(Register::CCW_SLOPE, 0));
+    bench.send_goal(goal(0).with(Register::CW_SLOPE, 255).with(Register::CCW_SLOPE, 255));
     bench.run_ms(50);
     assert_eq!((bench.goal_of(0), bench.register(0, Register::MOVING)), (goal(512), 1));
     assert_eq!(bench.board.bridge().counters().pc.refused, 1);
