@@ -49,14 +49,20 @@ fn an_independent_master_finds_reads_and_writes_the_servos() {
     master.write_moving_speed(18, 300).unwrap();
     master.write_raw_goal_position(18, 700).unwrap();
     assert_eq!(master.read_raw_goal_position(18).unwrap(), [700]);
-    bus.until(|state| state["servos"][3]["position"] == 700.0);
-    assert_eq!(master.read_raw_present_position(18).unwrap(), [700]);
+    // A position short of the goal, within the margin, the motor rests.
+    bus.until(|state| state["servos"][3]["position"] == 699.0);
+    assert_eq!(master.read_raw_present_position(18).unwrap(), [699]);
     assert_eq!(master.read_moving(18).unwrap(), [0]);
     let truth = &bus.state()["servos"][3];
     assert_eq!(
-        (&truth["id"], &truth["speed"], &truth["torque"]),
-        (&json!(18), &json!(300), &json!(true))
+        (&truth["id"], &truth["moving_speed"], &truth["speed"], &truth["torque"]),
+        (&json!(18), &json!(300), &json!(0.0), &json!(true))
     );
+    // Without limits it turns endlessly, clockwise with bit 10.
+    master.write_raw_ccw_angle_limit(18, 0).unwrap();
+    std::thread::sleep(Duration::from_millis(100)); // it is busy with its EEPROM
+    master.write_moving_speed(18, 1024 + 200).unwrap();
+    bus.until(|state| (state["servos"][3]["speed"].as_f64().unwrap() + 200.0).abs() < 0.5);
     // Nobody else was meant.
     assert_eq!(bus.state()["servos"][0]["goal"], 512);
 }
@@ -70,8 +76,10 @@ fn an_independent_masters_sync_write_reaches_each_servo_with_its_own_value() {
     master.sync_write_torque_enable(&ids, &[1; 6]).unwrap();
     master.sync_write_raw_goal_position(&ids, &goals).unwrap();
     for (index, goal) in goals.iter().enumerate() {
-        bus.until(|state| state["servos"][index]["position"] == f64::from(*goal));
-        assert_eq!(master.read_raw_present_position(ids[index]).unwrap(), [*goal]);
+        // They set out from 512, and rest within the margin.
+        let rests = if *goal < 512 { goal + 1 } else { goal - 1 };
+        bus.until(|state| state["servos"][index]["position"] == f64::from(rests));
+        assert_eq!(master.read_raw_present_position(ids[index]).unwrap(), [rests]);
     }
 }
 
@@ -94,6 +102,42 @@ fn an_independent_master_sees_refusals_and_a_pulled_plug() {
     let error = bus.ask(json!({"set": {"unplug": [1], "jammed": [3]}}));
     assert_eq!(error["error"], "jammed: expected a list of IDs out of [1, 2]");
     assert!(handler.ping(port.as_mut(), 1).unwrap(), "and nothing was changed");
+}
+
+#[test]
+fn a_person_can_try_the_alarms() {
+    let bus = bus("1-3");
+    let mut master = master(&bus);
+    master.write_torque_enable(1, 1).unwrap();
+    master.write_torque_enable(3, 1).unwrap();
+    let ask = |changes| assert_eq!(bus.ask(json!({ "set": changes })), json!({"ok": true}));
+    ask(json!({"temperature_c": {"1": 75}, "voltage_dv": {"2": 50}, "load": {"3": -1200}}));
+    // The load is more than its motor can hold.
+    let state = bus.until(|state| state["servos"][2]["errors"] == "overload");
+    let told = |k: usize| {
+        let servo = &state["servos"][k];
+        json!([servo["temperature_c"], servo["voltage_dv"], servo["load"], servo["torque"]])
+    };
+    assert_eq!(
+        [told(0), told(1), told(2)],
+        [json!([75, 120, 0, false]), json!([35, 50, 0, false]), json!([35, 120, -1200, false])]
+    );
+    assert_eq!(state["servos"][0]["errors"], "overheat");
+    assert_eq!(state["servos"][1]["errors"], "voltage");
+    assert_eq!(master.read_present_temperature(1).unwrap(), [75]);
+    assert_eq!(master.read_present_voltage(2).unwrap(), [50]);
+    ask(json!({"temperature_c": {"1": null}, "voltage_dv": {"2": null}, "load": {"3": null}}));
+    let state = bus.state();
+    assert_eq!(state["servos"][0]["temperature_c"], 35);
+    assert_eq!(state["servos"][2]["load"], 0);
+
+    for wrong in [json!({"4": 75}), json!({"1": 256}), json!({"1": -1}), json!([75]), json!(75)] {
+        let answer = bus.ask(json!({"set": {"jammed": [2], "temperature_c": wrong}}));
+        let said = "temperature_c: expected whole numbers from 0 to 255, or null, by IDs out of \
+                    [1, 2, 3], as {\"1\":85}";
+        assert_eq!(answer["error"], said);
+    }
+    assert_eq!(bus.state()["servos"][1]["jammed"], false, "and nothing was changed");
 }
 
 #[test]

@@ -93,6 +93,43 @@ fn a_pc_is_greeted_drives_servos_and_sees_one_go_and_come_back() {
     assert_eq!(board.state()["servos"][0]["plugged"], true);
 }
 
+/// A client whose socket holds next to nothing that it has not read.
+fn narrow(place: &str) -> TcpStream {
+    use rustix::net::{AddressFamily, SocketType, connect, socket, sockopt};
+    let socket = socket(AddressFamily::INET, SocketType::STREAM, None).unwrap();
+    sockopt::set_socket_recv_buffer_size(&socket, 4096).unwrap();
+    connect(&socket, &place.parse::<std::net::SocketAddr>().unwrap()).unwrap();
+    let stream = TcpStream::from(socket);
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream
+}
+
+#[test]
+fn a_pc_that_has_not_read_for_a_while_soon_hears_the_newest_report() {
+    let board = Board::start(&["cm5", "--servos", "1-18"]);
+    let mut pc = Pc { stream: narrow(board.place("TCP")), receiver: Receiver::new() };
+    assert_eq!(pc.hello().len(), 18);
+    let mut buffer = [0; MAX_PACKET];
+    let all = [Limits::new(0, 1023).unwrap()];
+    pc.stream.write_all(Answer::encode(1, &all, &mut buffer).unwrap()).unwrap();
+    pc.report(&[true; 18]);
+    // Some 500 reports go by, of which it reads none.
+    let sent = |board: &Board| board.state()["bridge"]["pc"]["reports_sent"].as_u64().unwrap();
+    let before = sent(&board);
+    board.until(|state| state["bridge"]["pc"]["reports_sent"].as_u64() > Some(before + 500));
+    board.ask(json!({"set": {"unplug": [18]}}));
+    board.until(|state| state["servos"][17]["bridge"]["missing"] == true);
+    let mut old = 0;
+    pc.until(|params| {
+        let report = Report::parse(params, 18)?;
+        let is_old = report.iter().all(|servo| servo.is_some());
+        old += u32::from(is_old);
+        (!is_old).then_some(())
+    });
+    // 12 KB hold 80.
+    assert!(old < 120, "{old} reports from before");
+}
+
 #[test]
 fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
     for (options, names) in [

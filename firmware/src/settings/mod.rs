@@ -130,9 +130,12 @@ pub struct BridgeSettings {
     /// Baud of the board's line to the PC; default 1,000,000. A stock CM-5's port has 57,600. The
     /// virtual board has an option instead.
     pub pc_baud: u32,
-    /// Silence of the PC, in ms, after which `on_silence` is done and hellos are said again; 0
-    /// never. Default 1000.
+    /// Silence of the PC, in ms, after which `on_silence` is done; 0 never. Default 1000.
     pub pc_timeout_ms: u16,
+    /// How often a hello is said between the reports while the PC is silent, and while it has not
+    /// answered that the table of servos has changed, in seconds; 0 never. Default 10. Before the
+    /// PC's first answer it is once a second.
+    pub hello_period_s: u16,
     /// What the servos do then; default [`OnSilence::Freeze`].
     pub on_silence: OnSilence,
     /// How often an ID that did not answer is asked again before there is no servo; default 2. With
@@ -148,6 +151,7 @@ impl BridgeSettings {
     pub const DEFAULT: Self = Self {
         pc_baud: 1_000_000,
         pc_timeout_ms: 1000,
+        hello_period_s: 10,
         on_silence: OnSilence::Freeze,
         search_retries: 2,
         pass_lock: false,

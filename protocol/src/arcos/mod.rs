@@ -20,6 +20,8 @@
 //! | a negative integer or a text for an arm command that takes a number | Refused. |
 //! | HOME with a number above 6 | All joints (7 and 255 are in use); 0 is refused. |
 //! | STOP with 7 to 254 | Refused: only 255 is all joints. |
+//! | what 2 s without a packet end | The motion of the joints, which hold. The session and the standard packets go on: a host may send nothing for minutes and wait for the next one. |
+//! | a 0 after these 2 s, PULSE or SYNC0 | Echoed, and the session goes on; only a SYNC1 behind it begins a new one. |
 
 mod arm;
 pub mod extension;

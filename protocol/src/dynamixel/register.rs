@@ -1,12 +1,22 @@
-//! The control table of the AX-12 and the values that it takes (manual 3-4 and its table "Control
-//! Table Data Range and Length for Writing").
+//! The control table of the AX-12 and the values that it takes: defaults and ranges of the AX-12A in
+//! the maker's current e-manual; ranges that it does not give are those of the manual of 2006 (3-4 and
+//! its table "Control Table Data Range and Length for Writing"). Where they differ:
+//!
+//! | register | e-manual, here | manual of 2006 |
+//! |---|---|---|
+//! | temperature limit | 70, 0 to 100 | 85, 0 to 150 |
+//! | highest voltage | 140 | 190 |
+//! | alarm LED and shutdown | 36: heat, overload | 4: heat |
+//! | compliance margins | 1 | 0 |
+//! | compliance slopes | 0 to 254 | 1 to 254 |
+//! | registered | the servo's alone | 0 to 1 |
 //!
 //! Three kinds: what only the servo writes; EEPROM, which outlives power-off and takes some 6 ms a
 //! byte to write (facts); RAM, which begins with its default at power-on.
 //!
-//! Two ranges are not the table's. Moving speed goes to 2047, since bit 10 is the direction of an
+//! Three ranges are not the manuals'. Moving speed goes to 2047, since bit 10 is the direction of an
 //! endless turn (manual, "Goal Speed Setting"). Lock takes 0 as well as 1: who writes registers 47
-//! to 49 at once must be able to leave it as it is.
+//! to 49 at once must be able to leave it as it is. Punch takes 0 to 31, as in the manual of 2006.
 
 /// Bytes of the control table: addresses 0 to 49.
 pub const REGISTER_BYTES: usize = 50;
@@ -80,19 +90,19 @@ registers! {
     /// Greatest goal position.
     CCW_LIMIT 8 2 Eeprom 1023 0 1023;
     /// Highest temperature in degrees Celsius.
-    TEMPERATURE_LIMIT 11 1 Eeprom 85 0 150;
+    TEMPERATURE_LIMIT 11 1 Eeprom 70 0 100;
     /// Lowest supply voltage in 0.1 V.
     LOW_VOLTAGE_LIMIT 12 1 Eeprom 60 50 250;
     /// Highest supply voltage in 0.1 V.
-    HIGH_VOLTAGE_LIMIT 13 1 Eeprom 190 50 250;
+    HIGH_VOLTAGE_LIMIT 13 1 Eeprom 140 50 250;
     /// The torque limit after power-on, in 1/1023 of what the motor can do.
     MAX_TORQUE 14 2 Eeprom 1023 0 1023;
     /// What is answered: 0 only PING, 1 PING and READ, 2 everything.
     STATUS_RETURN_LEVEL 16 1 Eeprom 2 0 2;
     /// The error bits that make the LED blink.
-    ALARM_LED 17 1 Eeprom 4 0 127;
-    /// The error bits that switch the torque off.
-    ALARM_SHUTDOWN 18 1 Eeprom 4 0 127;
+    ALARM_LED 17 1 Eeprom 36 0 127;
+    /// The error bits that switch the motor off, by a torque limit of 0.
+    ALARM_SHUTDOWN 18 1 Eeprom 36 0 127;
     /// Calibration of the potentiometer; the manual has no default.
     DOWN_CALIBRATION 20 2 ReadOnly 0 0 0;
     /// Calibration of the potentiometer; the manual has no default.
@@ -102,13 +112,14 @@ registers! {
     /// 1: the LED is on.
     LED 25 1 Ram 0 0 1;
     /// Error in which the motor is left alone, clockwise, in positions.
-    CW_MARGIN 26 1 Ram 0 0 254;
+    CW_MARGIN 26 1 Ram 1 0 254;
     /// The same, counter-clockwise.
-    CCW_MARGIN 27 1 Ram 0 0 254;
-    /// Error beyond the margin at which the torque is full, clockwise, in positions.
-    CW_SLOPE 28 1 Ram 32 1 254;
+    CCW_MARGIN 27 1 Ram 1 0 254;
+    /// Error beyond the margin at which the torque is full, clockwise, in positions; in seven steps,
+    /// each a power of two: 0 to 3 are 2, 4 to 7 are 4, and so on up to 128.
+    CW_SLOPE 28 1 Ram 32 0 254;
     /// The same, counter-clockwise.
-    CCW_SLOPE 29 1 Ram 32 1 254;
+    CCW_SLOPE 29 1 Ram 32 0 254;
     /// 0 to 1023 over 300 degrees. At power-on where the servo is.
     GOAL_POSITION 30 2 Ram 0 0 1023;
     /// In 0.111 rpm; 0 is as fast as it can. Bit 10: clockwise, if it turns endlessly.
@@ -126,7 +137,7 @@ registers! {
     /// In degrees Celsius.
     PRESENT_TEMPERATURE 43 1 ReadOnly 0 0 0;
     /// 1: a REG_WRITE waits for ACTION.
-    REGISTERED 44 1 Ram 0 0 1;
+    REGISTERED 44 1 ReadOnly 0 0 0;
     /// 1: on the way to the goal.
     MOVING 46 1 ReadOnly 0 0 0;
     /// 1: until power-off only registers 24 to 35 can be written.

@@ -110,11 +110,11 @@ fn a_servo_that_is_back_takes_part_within_five_seconds_and_the_pc_hears_a_hello(
     let Some((_, Said::Report(last))) = said.last() else { panic!("no report") };
     assert!(last.iter().all(Option::is_some));
 
-    // Said until answered; goals go on meanwhile.
-    bench.run_alive_ms(3000, goal(600));
+    // Said every 10 s until answered; goals go on meanwhile.
+    bench.run_alive_ms(30_000, goal(600));
     assert_eq!(bench.hellos().len(), 3);
     bench.answer(1, &[limits(0, 1023)]);
-    bench.run_alive_ms(3000, goal(600));
+    bench.run_alive_ms(12_000, goal(600));
     assert!(bench.hellos().is_empty());
 }
 
@@ -142,9 +142,9 @@ fn servos_that_come_back_together_are_told_together() {
     (0..18).for_each(|servo| bench.board.bus.bus().plug(servo));
     bench.run_alive_ms(1000, goal(600));
     let hellos = bench.hellos();
-    assert!((2..=5).contains(&hellos.len()), "{}", hellos.len());
+    assert!((1..=5).contains(&hellos.len()), "{}", hellos.len());
     let apart = hellos.windows(2).map(|pair| (pair[1].0 - pair[0].0).as_millis());
-    assert!(apart.min().unwrap() >= 195, "hellos follow each other too closely");
+    assert!(apart.min() >= Some(195) || hellos.len() == 1, "hellos follow each other too closely");
     assert_eq!(bench.counters(17).returns, 1);
 }
 
@@ -354,17 +354,38 @@ fn the_shutdown_of_a_servo_is_not_undone_but_by_a_newer_goal() {
     bench.run_ms(10);
     for _ in 0..2000 {
         bench.board.run_for(Duration::from_micros(997));
-        assert_eq!(bench.goal_of(0).get(Register::TORQUE_ENABLE), 0);
+        assert_eq!(bench.goal_of(0).get(Register::TORQUE_LIMIT), 0);
     }
     bench.board.bus.bus().servo(0).surroundings.temperature_c = 60;
     bench.run_ms(1000);
-    let off = (
-        bench.goal_of(0).get(Register::TORQUE_ENABLE),
-        bench.goal_of(0).get(Register::TORQUE_LIMIT),
-    );
-    assert_eq!((off, bench.goal_of(1)), ((0, 0), goal(600)));
+    let off = goal(600).with(Register::TORQUE_LIMIT, 0);
+    assert_eq!([bench.goal_of(0), bench.goal_of(1)], [off, goal(600)]);
     // A PC may insist: a joint that is overloaded must be able to back off.
     bench.send_goal(goal(500));
     bench.run_ms(10);
     assert_eq!(bench.goal_of(0), goal(500));
+}
+
+#[test]
+fn an_overload_shuts_a_servo_down_as_from_the_factory_and_goals_do_not_undo_it() {
+    // Whatever of the cycle it comes in.
+    for us in (0..2000).step_by(250) {
+        let mut bench = Bench::at_work(Make { servos: servos([1, 2]), ..Make::default() });
+        bench.run_alive_ms(500, goal(600));
+        bench.board.run_for(Duration::from_micros(us));
+        bench.board.bus.bus().servo(0).surroundings.jammed = true;
+        bench.send_goal(goal(300));
+        bench.run_ms(550);
+        for _ in 0..500 {
+            bench.run_ms(1);
+            assert_eq!(bench.goal_of(0).get(Register::TORQUE_LIMIT), 0);
+        }
+        assert!(bench.counters(0).errors_seen.contains(protocol::dynamixel::Errors::OVERLOAD));
+        assert_eq!(bench.goal_of(1), goal(300));
+        bench.board.bus.bus().servo(0).surroundings.jammed = false;
+        bench.send_goal(goal(300));
+        bench.run_ms(1000);
+        let position = bench.register(0, Register::PRESENT_POSITION);
+        assert!((299..=301).contains(&position), "{position}");
+    }
 }

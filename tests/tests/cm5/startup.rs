@@ -178,6 +178,48 @@ fn eighteen_servos_are_set_up_within_a_quarter_of_a_second() {
 }
 
 #[test]
+fn the_first_report_comes_when_every_servo_has_been_read() {
+    for (count, within_ms) in [(1, 60), (6, 80), (18, 120), (100, 600)] {
+        for line_rate in [57_600, 1_000_000] {
+            let mut bench =
+                Bench::with(Make { servos: servos(1..=count), line_rate, ..Make::default() });
+            bench.run_ms(1700);
+            bench.answer(1, &[limits(10, 1000)]);
+            bench.agreed = count.into();
+            bench.run_ms(within_ms + if line_rate < 100_000 { 200 } else { 0 });
+            let reports = bench.reports();
+            assert!(!reports.is_empty(), "{count} servos at {line_rate} baud");
+            assert!(reports.iter().flatten().all(Option::is_some), "{count} at {line_rate}");
+        }
+    }
+}
+
+#[test]
+fn a_servo_that_cannot_be_read_holds_the_first_report_up_for_a_second_at_the_most() {
+    // It is gone before the PC answers.
+    let mut bench = Bench::new(servos([1, 2, 3]));
+    bench.run_ms(1000);
+    bench.board.bus.bus().unplug(1);
+    bench.answer(1, &[limits(10, 1000)]);
+    bench.agreed = 3;
+    bench.run_ms(120);
+    let first = bench.reports()[0].iter().map(Option::is_some).collect::<Vec<_>>();
+    assert_eq!(first, [true, false, true]);
+
+    // It does not take its limits.
+    let mut all = servos([1, 2]);
+    all[1].set(Register::LOCK, 1);
+    let mut bench = Bench::new(all);
+    bench.run_ms(1000);
+    bench.answer(250, &[limits(0, 900)]);
+    bench.agreed = 2;
+    bench.run_ms(990);
+    assert!(bench.reports().is_empty());
+    bench.run_ms(30);
+    assert!(bench.reports()[0][0].is_some());
+}
+
+#[test]
 fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared() {
     let mut all = servos([1, 2]);
     all[1].set(Register::LOCK, 1);

@@ -73,7 +73,7 @@ fn a_goal_that_no_servo_takes_changes_nothing_and_does_not_keep_it_from_stopping
     let mut bench = Bench::new(servos([1]));
     bench.agree(1000, &[limits(0, 0)], 1);
     bench.run_alive_ms(500, goal(512));
-    bench.send_goal(goal(0).with(Register::CW_SLOPE, 0).with(Register::CCW_SLOPE, 0));
+    bench.send_goal(goal(0).with(Register::CW_SLOPE, 255).with(Register::CCW_SLOPE, 255));
     bench.run_ms(50);
     assert_eq!((bench.goal_of(0), bench.register(0, Register::MOVING)), (goal(512), 1));
     assert_eq!(bench.board.bridge().counters().pc.refused, 1);
@@ -130,18 +130,18 @@ fn lock_is_passed_on_only_if_a_setting_says_so() {
 }
 
 #[test]
-fn when_the_pc_is_silent_goals_and_torque_stay_and_hellos_are_said_until_it_is_back() {
+fn when_the_pc_is_silent_goals_and_torque_stay_and_a_hello_comes_every_ten_seconds() {
     let mut bench = three();
     bench.send_goal(goal(900).with(Register::MOVING_SPEED, 20));
     bench.run_ms(990);
     assert!(!bench.board.bridge().pc_is_silent() && bench.hellos().is_empty());
     bench.run_ms(20);
     assert!(bench.board.bridge().pc_is_silent());
-    bench.run_ms(2000);
+    bench.run_ms(31_000);
     assert_eq!(bench.goal_of(1), goal(900).with(Register::MOVING_SPEED, 20));
     let hellos = bench.hellos();
-    assert_eq!(hellos.len(), 3, "at 1.0, 2.0 and 3.0 s");
-    assert_eq!(hellos[0].1, [1, 2, 3]);
+    assert_eq!(hellos.len(), 3, "at 11, 21 and 31 s");
+    assert!(hellos.iter().all(|(_, ids)| *ids == [1, 2, 3]));
     assert_eq!(bench.board.bridge().counters().pc.silences, 1);
     // A servo that loses its goal is still told what it was.
     bench.board.bus.bus().servo(1).set(Register::TORQUE_ENABLE, 0);
@@ -153,8 +153,32 @@ fn when_the_pc_is_silent_goals_and_torque_stay_and_hellos_are_said_until_it_is_b
     assert!(!bench.board.bridge().pc_is_silent());
     assert_eq!(bench.goal_of(1), goal(100));
     bench.hellos();
-    bench.run_alive_ms(2500, goal(100));
+    bench.run_alive_ms(12_000, goal(100));
     assert!(bench.hellos().is_empty());
+}
+
+#[test]
+fn a_pc_that_only_listens_hears_reports_and_as_many_hellos_as_a_setting_says() {
+    for (hello_period_s, ms, hellos) in [(10, 35_000, 3), (1, 5000, 4), (0, 15_000, 0)] {
+        let settings = BridgeSettings { hello_period_s, ..BridgeSettings::DEFAULT };
+        let all = servos([1, 2, 3]);
+        let mut bench = Bench::at_work(Make { servos: all, settings, ..Make::default() });
+        bench.run_ms(ms);
+        let said = bench.said();
+        let times = said.iter().filter(|(_, said)| matches!(said, Said::Hello(_)));
+        let times: Vec<_> = times.map(|(at, _)| at.as_millis()).collect();
+        assert_eq!(times.len(), hellos, "{times:?}");
+        let period = 1000 * u64::from(hello_period_s);
+        assert!(times.windows(2).all(|pair| (period..period + 5).contains(&(pair[1] - pair[0]))));
+        assert!(said.len() as u64 > ms / 2, "the reports go on: {}", said.len());
+        // A servo that comes back is told of at once, whatever the setting.
+        bench.board.bus.bus().unplug(1);
+        bench.run_ms(1000);
+        bench.hellos();
+        bench.board.bus.bus().plug(1);
+        bench.run_ms(700);
+        assert_eq!(bench.hellos().first().map(|(_, ids)| ids.clone()), Some(vec![1, 2, 3]));
+    }
 }
 
 #[test]

@@ -201,7 +201,12 @@ proptest! {
                 }
             }
         }
-        // When the host has gone, the arm comes to rest: 255 ticks of 20 ms and the watchdog.
+        // When the host has gone, the arm comes to rest and holds; parked it is off after 255 ticks
+        // of 20 ms.
+        host.run_with(Silent, 8000, &mut look);
+        prop_assert_eq!(host.arm().moving, [false; 6]);
+        host.open_blindly();
+        host.send_bare(command::CLOSE);
         host.run_with(Silent, 8000, &mut look);
         prop_assert_eq!((host.arm().powered, host.pulses()), (false, NO_PULSES));
         // And it can be had again, each joint where it lost its power.

@@ -271,7 +271,7 @@ fn armpac_tells_motion_and_power_in_the_dialect_of_the_settings() {
 }
 
 #[test]
-fn any_packet_keeps_the_session_alive_and_silence_of_two_seconds_ends_it() {
+fn any_packet_is_a_sign_of_life_and_two_seconds_without_one_are_silence() {
     let mut host = Host::opened();
     for _ in 0..5 {
         host.run_ms(1900);
@@ -282,12 +282,31 @@ fn any_packet_keeps_the_session_alive_and_silence_of_two_seconds_ends_it() {
         host.send_bare(18); // CONFIG: not answered, but heard
     }
     host.see(Silent, |host| host.link().watchdogs, [(1990, 0), (2010, 1)]);
-    host.received();
-    host.run_ms(1000);
-    assert!(host.received().is_empty());
-    host.open();
+    // Silence is counted once, however long it is.
+    host.run_ms(10_000);
+    assert_eq!(host.link().watchdogs, 1);
 }
 
+#[test]
+fn the_standard_packets_go_on_for_a_host_that_waits_for_one_before_it_speaks() {
+    let mut host = Host::powered();
+    host.send(ArmCommand::Status(StatusRequest::Stream));
+    host.run_ms(2500);
+    host.received();
+    assert_eq!(host.link().watchdogs, 1);
+    // Minutes later too, and what it has asked for comes with them.
+    for ms in [10_000, 300_000] {
+        host.run_ms(ms);
+        let ids = host.ids();
+        let standard = ids.iter().filter(|&&id| id == Standard::ID).count() as u64;
+        assert!((ms / 100 - 1..=ms / 100 + 1).contains(&standard), "{standard} in {ms} ms");
+        assert_eq!(ids.len() as u64, 2 * standard, "an ARMpac with each");
+    }
+    // It speaks in the session that it has.
+    host.go(1, 130);
+    host.run_ms(200);
+    assert_eq!((host.ticks(1), host.link().opened, host.link().ignored), (130, 1, 0));
+}
 #[test]
 fn commands_of_the_robots_base_are_counted_and_have_no_effect() {
     let mut host = Host::opened();
@@ -303,8 +322,9 @@ fn commands_of_the_robots_base_are_counted_and_have_no_effect() {
 }
 
 #[test]
-fn a_host_that_dies_in_mid_move_leaves_an_arm_that_goes_home_slowly_and_switches_off() {
+fn a_host_that_dies_in_mid_move_leaves_an_arm_that_stops_holds_and_is_parked_by_autopark() {
     let mut host = Host::powered();
+    host.send(ArmCommand::AutoPark(60));
     host.speed(1, 40);
     host.speed(2, 1);
     host.go(1, 227);
@@ -314,52 +334,141 @@ fn a_host_that_dies_in_mid_move_leaves_an_arm_that_goes_home_slowly_and_switches
     // Joint 1 is on its way, joint 2 has arrived.
     run(&mut host, 1990);
     assert_eq!((host.ticks(1), host.ticks(2), host.link().watchdogs), (176, 27, 0));
-    assert!(!host.arm().homing);
-    // 2 s of silence: 49 or 50 ticks up at 40 ms, then the same way back, and joint 2's 100 ticks
-    // no faster than 20 ms each.
+    assert!(host.arm().moving[0]);
     run(&mut host, 20);
-    assert!(host.arm().homing && host.arm().powered && host.link().watchdogs == 1);
-    run(&mut host, 1000);
-    assert!((150..=153).contains(&host.ticks(1)), "{}", host.ticks(1));
-    assert!((75..=78).contains(&host.ticks(2)), "{}", host.ticks(2));
-    // The controller has noticed the silence too. It holds what moves by itself, not what it is
-    // told to do.
+    let rests = host.arm();
+    assert_eq!((host.link().watchdogs, rests.moving, rests.powered), (1, [false; 6], true));
+    assert!((176..=177).contains(&host.ticks(1)));
+    // The controller has noticed the silence too, and both hold.
+    run(&mut host, 59_000);
     assert!(host.board.snapshot().link_loss);
-    run(&mut host, 940);
-    assert!(host.arm().powered, "not before they are home");
-    run(&mut host, 150);
+    assert_eq!(host.arm(), rests);
+    assert_eq!((host.pulses()[0], host.pulses()[1]), (Some(pulse(host.ticks(1))), Some(pulse(27))));
+    // A minute after the last step: home no faster than 20 ms a tick, and off.
+    run(&mut host, 2000);
+    assert!(host.arm().homing && host.arm().powered);
+    run(&mut host, 3000);
     assert_eq!((host.arm().powered, host.arm().positions), (false, [127; 6]));
     assert_eq!(host.pulses(), NO_PULSES);
     assert!((host.servo(1) - 3375.0).abs() < 1.0 && (host.servo(2) - 3375.0).abs() < 1.0);
-
-    // The next host finds the speeds as they were, and an arm that obeys.
-    host.open();
-    host.send(ArmCommand::Power(true));
-    host.go(1, 130);
-    host.run_alive_ms(110);
-    assert_eq!(host.ticks(1), 129);
-    host.run_alive_ms(100);
-    assert_eq!(host.ticks(1), 130);
-    assert_eq!(host.pulses()[0], Some(pulse(130)));
 }
 
 #[test]
-fn a_host_that_comes_back_while_the_arm_is_going_home_takes_over() {
+fn what_goes_home_to_be_switched_off_goes_on_when_the_host_falls_silent() {
+    for last in [ArmCommand::Park, ArmCommand::Power(false), ArmCommand::Init] {
+        let mut host = Host::powered();
+        host.go(1, 227);
+        host.run_alive_ms(3000);
+        host.speed(1, 40);
+        host.send(last);
+        host.run_ms(2100);
+        assert!(host.link().watchdogs == 1 && host.arm().homing && host.arm().powered, "{last:?}");
+        host.run_ms(2100);
+        assert_eq!((host.arm().powered, host.ticks(1)), (false, 127), "{last:?}");
+    }
+}
+#[test]
+fn a_host_that_comes_back_after_the_silence_takes_over_an_arm_that_holds() {
     let mut host = Host::powered();
+    host.speed(1, 40);
     host.go(1, 227);
+    host.send(ArmCommand::Status(StatusRequest::Stream));
     host.run_ms(2500);
+    let held = host.arm();
     host.received();
-    assert!(host.arm().homing && host.link().watchdogs == 1);
-    // It tries SYNC0 first; the session is over, so it is answered.
-    host.open();
-    let before = host.ticks(1);
+    // SYNC0 is echoed, and may be repeated; the packets go on.
+    for _ in 0..3 {
+        host.send_bare(0);
+        host.run_ms(500);
+        let ids = host.ids();
+        assert_eq!(ids.iter().filter(|&&id| id == 0).count(), 1, "{ids:?}");
+        assert_eq!(ids.iter().filter(|&&id| id == Standard::ID).count(), 5, "{ids:?}");
+    }
+    // SYNC1 behind it begins a new session: nothing of the old one comes any more.
+    host.send_bare(1);
+    host.run_ms(500);
+    assert_eq!(host.ids(), [1]);
+    host.send_bare(2);
+    host.run_ms(10);
+    assert_eq!(host.ids(), [2]);
+    host.send_int(command::OPEN, 1);
+    host.run_ms(500);
+    assert_eq!(host.ids(), [Standard::ID; 5], "and no ARMpacs");
+    assert_eq!((host.link().opened, host.link().out_of_turn, host.arm()), (2, 0, held));
+    // The speed is as it was.
     host.go(1, 227);
-    host.run_alive_ms(200);
-    assert!(host.ticks(1) > before && host.arm().powered);
-    host.run_alive_ms(3000);
-    assert_eq!((host.ticks(1), host.arm().powered), (227, true), "the park is called off");
+    let before = host.ticks(1);
+    host.run_alive_ms(400);
+    assert!((9..=10).contains(&(host.ticks(1) - before)), "{} to {}", before, host.ticks(1));
 }
 
+#[test]
+fn a_zero_after_the_silence_that_was_only_a_pulse_leaves_the_session_as_it_is() {
+    let mut host = Host::powered();
+    host.send(ArmCommand::AutoPark(60));
+    for silence in 1..=2 {
+        host.run_ms(2100);
+        host.received();
+        host.send_bare(command::PULSE);
+        host.run_ms(10);
+        assert_eq!(host.ids().iter().filter(|&&id| id == 0).count(), 1);
+        // A command behind it settles the matter: 1 is OPEN again, and has no answer.
+        host.go(1, 130);
+        host.send_bare(command::OPEN);
+        host.run_alive_ms(500);
+        assert!(!host.ids().contains(&1));
+        assert_eq!((host.link().watchdogs, host.link().opened), (silence, 1));
+    }
+    // Without a 0 before it, or with an argument, it is OPEN too.
+    host.run_ms(2100);
+    host.received();
+    host.send_bare(1);
+    host.run_ms(2100);
+    host.send_bare(0);
+    host.send_int(1, 1);
+    host.run_ms(500);
+    let ids = host.ids();
+    assert!(!ids.contains(&1) && ids.contains(&Standard::ID), "{ids:?}");
+    assert_eq!((host.ticks(1), host.arm().powered, host.link().out_of_turn), (130, true, 0));
+}
+
+#[test]
+fn zeros_without_end_after_a_silence_keep_no_standard_packet_from_the_line() {
+    let mut host = Host::with(Make { line_rate: 9600, ..Make::default() });
+    host.open_blindly();
+    host.run_ms(2500);
+    host.received();
+    for _ in 0..200 {
+        while host.board.line.backlog() < 60 {
+            host.send_bare(0);
+        }
+        host.run_ms(10);
+    }
+    let ids = host.ids();
+    let standard = ids.iter().filter(|&&id| id == Standard::ID).count();
+    assert!((18..=21).contains(&standard), "{standard} in 2 s");
+}
+
+#[test]
+fn a_handshake_that_is_not_finished_is_forgotten_and_leaves_the_arm_as_it_is() {
+    let mut host = Host::powered();
+    host.send(ArmCommand::AutoPark(10));
+    host.go(1, 130);
+    host.run_ms(2500);
+    host.send_bare(0);
+    host.send_bare(1);
+    host.run_ms(2100);
+    host.received();
+    host.run_ms(1000);
+    assert_eq!((host.ids(), host.ticks(1), host.arm().powered), (vec![], 130, true));
+    // The times of the session that is over are forgotten: not the 10 s, but the 600.
+    host.run_ms(500_000);
+    assert!(host.arm().powered);
+    host.run_ms(110_000);
+    assert_eq!((host.arm().powered, host.ticks(1)), (false, 127));
+    host.received();
+    host.open();
+}
 #[test]
 fn close_parks_the_arm_and_a_new_session_has_the_default_times() {
     let mut host = Host::powered();

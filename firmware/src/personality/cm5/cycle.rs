@@ -121,7 +121,7 @@ impl Cycle {
                 Turn::Goals(Block::Lock) => {
                     self.cycles = self.cycles.wrapping_add(1);
                     if roster.agreed() > 0 {
-                        pc.tell_report();
+                        pc.tell_report(roster, now);
                     }
                     if core::mem::take(&mut self.worked) {
                         Turn::Servos

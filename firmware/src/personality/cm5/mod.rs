@@ -31,6 +31,10 @@
 //!   change between joint and endless turning, its own shutdown (heat, overload), silence for what
 //!   turns endlessly, and being away while the PC is silent;
 //! - registers 5 to 9 are written only where they differ, and read back;
+//! - the first report after an answer waits until every servo has been read, a second at the most: one
+//!   may be gone, or not take its limits;
+//! - after the PC's first answer a hello is said again when a servo is new or back, and every 10 s (a
+//!   setting) as long as that is not answered or the PC is silent;
 //! - a servo that has not answered is stale in the report (8 x `FF`) from that cycle on; one that
 //!   is missing or being set up is not sent goals, and one that turns endlessly is stopped then;
 //! - a new servo becomes part of reports and goals when the PC has answered the hello that told of

@@ -1,22 +1,31 @@
 //! The PC's side: hello, answers and goals, reports, silence.
 //!
-//! A *hello* is said once a second for as long as there is *news* that the PC has not answered (the
-//! search is over, a servo is new, or one is back), and while the PC is silent, since a PC that
-//! starts again waits for one. A packet is a sign of life only if it was carried out. Silence
-//! counts from the end of the search: a bridge that starts again under a robot at work finds servos
-//! that still turn, and maybe nobody who would stop them.
+//! A *hello* is said when there is *news*: the search is over, a servo is new, or one is back. Until
+//! the PC has answered for the first time it is said once a second. From then on reports go out
+//! whether the PC speaks or not, and a PC may do no more than listen; so a hello is said again only
+//! every `hello_period_s`, as long as the news is not answered or the PC is silent: a PC that was
+//! restarted waits for one. A packet is a sign of life only if it was carried out. Silence counts
+//! from the end of the search: a bridge that starts again under a robot at work finds servos that
+//! still turn, and maybe nobody who would stop them.
+//!
+//! After an answer that has changed something the first report waits until every servo has been
+//! read, since nothing on the page prepares a PC for a servo that is there and reads `FF`; but no
+//! longer than [`READ_WITHIN`], since there may be one that does not take its limits.
 
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Refusal, Report, params_of};
 
 use super::super::count;
 use super::roster::Roster;
-use super::servo::Standing;
+use super::servo::{Servo, Standing};
 use crate::fmt::warning;
 use crate::settings::{BridgeSettings, OnSilence};
 
 /// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
 const HELLO_PERIOD: Duration = Duration::from_secs(1);
+/// How long the first report waits for servos that have not been read. 18 servos as from the factory
+/// take 0.1 s, a hundred 0.5 s.
+const READ_WITHIN: Duration = Duration::from_secs(1);
 /// Servos that come together are told together: hellos are at least so far apart.
 const HELLO_DISTANCE: Duration = Duration::from_millis(200);
 
@@ -52,6 +61,8 @@ pub struct Pc {
     /// When the last one was said.
     hello_said: Option<Instant>,
     report_due: bool,
+    /// Until when reports wait for servos that have not been read; `None` before the first answer.
+    reads_until: Option<Instant>,
     /// When the PC was last heard, or could first have been.
     heard: Option<Instant>,
     /// For too long.
@@ -67,6 +78,7 @@ impl Pc {
             hello_at: Instant::MAX,
             hello_said: None,
             report_due: false,
+            reads_until: None,
             heard: None,
             silent: false,
             counters: PcCounters::default(),
@@ -87,7 +99,12 @@ impl Pc {
     }
 
     /// A cycle is complete.
-    pub fn tell_report(&mut self) {
+    pub fn tell_report(&mut self, roster: &Roster, now: Instant) {
+        let Some(reads_until) = self.reads_until else { return };
+        if now < reads_until && roster.iter().any(Servo::is_to_be_read) {
+            return;
+        }
+        self.reads_until = Some(Instant::MIN);
         if self.report_due {
             count(&mut self.counters.reports_skipped, 1);
         }
@@ -103,6 +120,15 @@ impl Pc {
         }
     }
 
+    /// When a hello is said again, if nothing changes.
+    fn next_hello(&self, now: Instant) -> Instant {
+        match (self.reads_until, self.settings.hello_period_s) {
+            (None, _) => now + HELLO_PERIOD,
+            (Some(_), 0) => Instant::MAX,
+            (Some(_), seconds) => now + Duration::from_secs(seconds.into()),
+        }
+    }
+
     /// The next packet to send.
     pub fn transmit<'b>(
         &mut self,
@@ -111,7 +137,7 @@ impl Pc {
         out: &'b mut [u8],
     ) -> Option<&'b [u8]> {
         let packet = if (self.news || self.silent) && now >= self.hello_at {
-            self.hello_at = now + HELLO_PERIOD;
+            self.hello_at = self.next_hello(now);
             self.hello_said = Some(now);
             count(&mut self.counters.hellos_sent, 1);
             hello(roster, out)
@@ -177,6 +203,8 @@ impl Pc {
                 servo.agree(answer.return_delay, limits);
             }
         }
+        self.report_due = false;
+        self.reads_until = Some(now + READ_WITHIN);
         // A servo found since the hello still is news.
         self.news = roster.told().count() < roster.len();
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD);
@@ -190,7 +218,7 @@ impl Pc {
         if silent && !self.silent {
             self.silent = true;
             if !self.news {
-                self.hello_at = now;
+                self.hello_at = self.next_hello(now);
             }
             count(&mut self.counters.silences, 1);
         }

@@ -159,6 +159,8 @@ pub struct Servo {
     /// The newest goal of the PC, for the next cycle.
     pub(super) ordered: Option<Goal>,
     drive: Drive,
+    /// It has not been read since the PC has changed its limits.
+    is_unread: bool,
     /// What it told when it was last asked; `None` if it did not answer.
     pub feedback: Option<Feedback>,
     /// What was counted.
@@ -179,6 +181,7 @@ impl Servo {
             probe: FIRST_PROBE,
             ordered: None,
             drive: Drive::Untouched,
+            is_unread: false,
             feedback: None,
             counters: ServoCounters::default(),
         }
@@ -209,7 +212,13 @@ impl Servo {
         self.standing = Standing::Agreed;
         self.writes_left = WRITES;
         self.stage = Stage::Check;
+        self.is_unread = true;
         self.feedback = None;
+    }
+
+    /// Whether a report had better wait for it.
+    pub(super) fn is_to_be_read(&self) -> bool {
+        self.is_unread && !self.is_missing()
     }
 
     /// Brings the newest goal into force.
@@ -317,7 +326,10 @@ impl Servo {
                     self.withdraw_goal();
                 }
                 match stage {
-                    Stage::Work => self.feedback = Some(Feedback(answer.data)),
+                    Stage::Work => {
+                        self.is_unread = false;
+                        self.feedback = Some(Feedback(answer.data));
+                    }
                     Stage::Confirm if answer.data[0] == 0 => self.write_what_differs(now),
                     Stage::Confirm => self.stage = Stage::Release,
                     _ => self.compare(&answer, now),

@@ -5,6 +5,7 @@
 //!   end of a session, or the arm's own link. Home are then the servos too, by the time that the
 //!   settings give them. So no joint falls, and power-up moves none unless a hand has meanwhile;
 //! - until it is off the latest command counts: a position, STOP or POWER 1 calls a park off;
+//! - a host that falls silent stops the joints that move, and they hold; AUTOPARK parks them;
 //! - where nobody may be watching (the end of a session, AUTOPARK, the gripper's turn, a lost arm)
 //!   a joint goes home no faster than its calibrated speed;
 //! - an arm that is lost while it has power is parked, and takes orders again only after INIT has
@@ -198,10 +199,21 @@ impl Arm {
         Ok(limited)
     }
 
-    /// The host has gone: the arm is parked, and the times are again what the settings say.
-    /// Speeds stay.
-    pub fn end_session(&mut self, now: Instant) {
+    /// The host has closed its session.
+    pub fn park_unhurried(&mut self, now: Instant) {
         self.park(true, now);
+    }
+
+    /// The host is silent: joints that move stop where they are, unless they go home to be switched
+    /// off.
+    pub fn hold(&mut self) {
+        if self.power == Power::On {
+            self.each(Joints::All, Joint::stop);
+        }
+    }
+
+    /// The times are again what the settings say. Speeds stay.
+    pub fn forget_times(&mut self) {
         self.autopark_s = self.settings.autopark_s;
         self.grippark_s = self.settings.grippark_s;
     }

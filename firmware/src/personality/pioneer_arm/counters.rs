@@ -11,7 +11,7 @@ pub struct ArmCounters {
     pub link: Counters,
     /// Sessions opened.
     pub opened: u32,
-    /// Sessions that ended because the host fell silent.
+    /// Times that the host of an open session fell silent.
     pub watchdogs: u32,
     /// Packets that the session was not at: SYNCs out of order, commands before OPEN.
     pub out_of_turn: u32,

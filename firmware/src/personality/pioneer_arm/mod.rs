@@ -11,15 +11,22 @@
 //! Rules (facts, "Session"):
 //! - SYNC0, SYNC1 and SYNC2 are answered in this order only; each may be repeated, and SYNC0
 //!   begins anew. A packet that is out of turn is counted and has no answer;
-//! - in an open session 0 is PULSE, 1 is OPEN and 2 is CLOSE, never a SYNC. A host that is
-//!   restarted within 2 s of its last packet therefore has no answer to SYNC0, only standard
-//!   packets, and as long as it repeats SYNC0 it keeps the old session and the arm's power. It must
-//!   send CLOSE (or be silent for 2 s), and SYNC0 then;
-//! - between OPEN and CLOSE a standard information packet comes every 100 ms, the first at once;
+//! - in an open session 0 is PULSE, 1 is OPEN and 2 is CLOSE. A host that is restarted within 2 s of
+//!   its last packet therefore has no answer to SYNC0, only standard packets. It must send CLOSE (or
+//!   be silent for 2 s), and SYNC0 then;
+//! - between OPEN and CLOSE a standard information packet comes every 100 ms, the first at once,
+//!   whether the host speaks or not: some wait for one before they speak;
+//! - 2 s without an intact packet stop the joints that move where they are, and they hold. Nothing
+//!   else ends: AUTOPARK parks the arm. What goes home to be switched off goes on, since to hold it
+//!   half way would keep the power on that the host wanted off;
+//! - after these 2 s a 0 may be PULSE or SYNC0, so it is echoed and the session goes on. A 1 without
+//!   an argument behind it, with nothing but 0s between, is SYNC1 and begins a new session: the arm
+//!   holds as it is, times and requests of the old session are forgotten. Any other packet
+//!   settles that it was PULSE;
 //! - STATUS 1 and 2 are answered at once by an ARMpac; 2 then brings one before every standard
 //!   packet. The latest STATUS counts: 1 ends a stream too;
-//! - after 2 s without an intact packet the session ends by itself. However it ends, the arm goes
-//!   home slowly and its power goes off;
+//! - CLOSE ends the session: the arm goes home slowly and its power goes off. A handshake that is not
+//!   finished is forgotten after 2 s;
 //! - the board's own settings, health and faults are the extension's: answered behind all others,
 //!   and forgotten when the session ends. Health comes at once, and then once a cycle;
 //! - commands of the robot's base (motors, sonar, configuration) are counted and have no effect:
@@ -49,7 +56,7 @@ use joint::Limited;
 
 /// How often a standard information packet comes.
 pub const CYCLE: Duration = Duration::from_millis(100);
-/// The silence that ends a session.
+/// The silence that stops the joints.
 pub const WATCHDOG: Duration = Duration::from_millis(2000);
 /// The input that tells that the arm is connected: low. Inputs are pulled up, so that a cut cable
 /// reads as no arm.
@@ -67,7 +74,17 @@ enum Phase {
     Closed,
     /// The last SYNC was this one; after SYNC2 OPEN may come.
     Synchronised(u8),
-    Open,
+    Open(Host),
+}
+
+/// What an open session has heard of its host lately.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Host {
+    Speaks,
+    /// Nothing for [`WATCHDOG`].
+    Silent,
+    /// 0s after such a silence, and nothing else.
+    MaySynchronise,
 }
 
 /// A Pioneer Arm as its host sees it. See the [module](self).
@@ -171,7 +188,7 @@ impl Session for PioneerArm {
     fn wakes_at(&self) -> Option<Instant> {
         let arm = Some(self.answers.arm.wakes_at());
         let looks_at = self.answers.extension.looks_at();
-        let times = [self.answers.ends_at(), self.receiver.gives_up_at(), looks_at, arm];
+        let times = [self.answers.silent_at(), self.receiver.gives_up_at(), looks_at, arm];
         times.into_iter().flatten().min()
     }
 
@@ -243,8 +260,8 @@ impl Answers {
     fn due_at(&self) -> Instant {
         match self.phase {
             _ if self.syncs != 0 => Instant::MIN,
-            Phase::Open if self.info || self.extension.owes() => Instant::MIN,
-            Phase::Open => {
+            Phase::Open(_) if self.info || self.extension.owes() => Instant::MIN,
+            Phase::Open(_) => {
                 let others = [self.status_at, self.health.due_at()];
                 others.into_iter().flatten().fold(self.cycle_at, Instant::min)
             }
@@ -254,7 +271,10 @@ impl Answers {
 
     /// What is to be said first, if anything; it counts as said.
     fn next(&mut self, now: Instant) -> Option<Answer> {
-        if self.syncs != 0 {
+        let is_open = matches!(self.phase, Phase::Open(_));
+        // So that no flood of 0s keeps a standard packet from the line.
+        let standard_is_first = is_open && now >= self.cycle_at;
+        if self.syncs != 0 && !standard_is_first {
             let first = self.syncs.trailing_zeros();
             self.syncs &= self.syncs - 1;
             return Some(match SYNC.get(first as usize) {
@@ -262,7 +282,7 @@ impl Answers {
                 _ => Answer::Sync2,
             });
         }
-        if self.phase != Phase::Open {
+        if !is_open {
             return None;
         }
         let status_is_due = self.status_at.is_some_and(|at| at <= now);
@@ -308,45 +328,48 @@ impl Answers {
     }
 
     /// When the host will have been silent for too long.
-    fn ends_at(&self) -> Option<Instant> {
-        (self.phase != Phase::Closed).then(|| self.heard.saturating_add(WATCHDOG))
+    fn silent_at(&self) -> Option<Instant> {
+        let is_awaited = !matches!(self.phase, Phase::Closed | Phase::Open(Host::Silent));
+        is_awaited.then(|| self.heard.saturating_add(WATCHDOG))
     }
 
-    /// Ends the session of a host that is silent for too long.
+    /// Does what the silence of a host asks for.
     fn watch(&mut self, now: Instant) {
-        if self.ends_at().is_some_and(|at| at <= now) {
-            if self.phase == Phase::Open {
-                count(&mut self.counters.watchdogs, 1);
-                warning!("the host is silent: {} ms", WATCHDOG.as_millis());
-            }
-            self.end(now);
+        if self.silent_at().is_none_or(|at| now < at) {
+            return;
+        }
+        if let Phase::Open(_) = self.phase {
+            self.phase = Phase::Open(Host::Silent);
+            self.arm.hold();
+            count(&mut self.counters.watchdogs, 1);
+            warning!("the host is silent: {} ms", WATCHDOG.as_millis());
+        } else {
+            self.phase = Phase::Closed;
+            self.syncs = 0;
         }
     }
 
-    fn end(&mut self, now: Instant) {
-        self.phase = Phase::Closed;
+    /// A session is over, or another one begins: what it was owed is forgotten.
+    fn forget(&mut self) {
         self.syncs = 0;
         self.info = false;
         self.status_at = None;
         self.stream = false;
         self.health.repeat = Repeat::Stop;
         self.extension.forget();
-        self.arm.end_session(now);
+        self.arm.forget_times();
     }
 
     /// Does what an intact packet asks for, and yields what the extension asks of the board.
     fn respond(&mut self, packet: &Packet<'_>, now: Instant) -> Option<Request> {
         self.heard = now;
+        if let Phase::Open(host) = self.phase {
+            return self.respond_in_session(host, packet, now);
+        }
         match (self.phase, packet.id, packet.data) {
-            (Phase::Open, command::PULSE | command::OPEN, _) => {}
-            (Phase::Open, command::CLOSE, _) => self.end(now),
-            (Phase::Open, ..) => match extension::parse_request(packet) {
-                Some(request) => return self.extend(request, now),
-                None => self.obey(packet, now),
-            },
             (Phase::Synchronised(2), command::OPEN, data) if opens(data) => {
                 count(&mut self.counters.opened, 1);
-                self.phase = Phase::Open;
+                self.phase = Phase::Open(Host::Speaks);
                 self.cycle_at = now;
             }
             // A host that begins anew wants no answers of before.
@@ -355,6 +378,39 @@ impl Answers {
             | (Phase::Synchronised(1), number @ (1 | 2), [])
             | (Phase::Synchronised(2), number @ 2, []) => self.synchronise(number, self.syncs),
             _ => count(&mut self.counters.out_of_turn, 1),
+        }
+        None
+    }
+
+    /// The same in an open session, whose host was so before.
+    fn respond_in_session(
+        &mut self,
+        host: Host,
+        packet: &Packet<'_>,
+        now: Instant,
+    ) -> Option<Request> {
+        self.phase = Phase::Open(Host::Speaks);
+        match (host, packet.id, packet.data) {
+            (Host::Silent | Host::MaySynchronise, 0, []) => {
+                self.phase = Phase::Open(Host::MaySynchronise);
+                self.syncs = 1;
+            }
+            (Host::MaySynchronise, 1, []) => {
+                // The echo of its SYNC0 may still wait.
+                let waiting = self.syncs;
+                self.forget();
+                self.synchronise(1, waiting);
+            }
+            (_, command::PULSE | command::OPEN, _) => {}
+            (_, command::CLOSE, _) => {
+                self.forget();
+                self.phase = Phase::Closed;
+                self.arm.park_unhurried(now);
+            }
+            _ => match extension::parse_request(packet) {
+                Some(request) => return self.extend(request, now),
+                None => self.obey(packet, now),
+            },
         }
         None
     }
@@ -375,7 +431,7 @@ impl Answers {
 
     /// Notes an answer of the extension, if there is somebody to hear it.
     fn settle(&mut self, answer: Option<Owed>) {
-        let answer = answer.filter(|_| self.phase == Phase::Open);
+        let answer = answer.filter(|_| matches!(self.phase, Phase::Open(_)));
         self.extension.settle(answer, &mut self.counters.link);
     }
 

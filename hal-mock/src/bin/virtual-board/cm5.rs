@@ -45,6 +45,12 @@ impl Machine for Cm5 {
         &self.board.line
     }
 
+    /// A PC that reads slowly is to have the newest report: Linux takes twice this, which holds half
+    /// a second of 18 servos' reports.
+    fn send_buffer(&self) -> usize {
+        4 << 10
+    }
+
     fn follower(&self) -> Box<dyn Follower> {
         Box::new(Receiver::new())
     }

@@ -11,6 +11,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use hal_mock::wire::Line;
+use rustix::net::sockopt::set_socket_send_buffer_size;
 
 use crate::machine::{Follower, Machine};
 use crate::pty::Pty;
@@ -108,6 +109,7 @@ impl Links {
             if self.clients.len() < MOST_CLIENTS
                 && stream.set_nonblocking(true).is_ok()
                 && stream.set_nodelay(true).is_ok()
+                && set_socket_send_buffer_size(&stream, machine.send_buffer()).is_ok()
             {
                 self.clients.push((stream, Flow::new(machine.follower())));
             }

@@ -1,7 +1,7 @@
 //! What machines with AX-12 servos have in common: which servos, where they are, what goes wrong on
 //! their bus.
 
-use hal_mock::plant::Ax12;
+use hal_mock::plant::{Ax12, Surroundings};
 use hal_mock::servo_bus::{Faults, ServoBus};
 use protocol::dynamixel::Register;
 use serde_json::{Map, Value, json};
@@ -61,6 +61,9 @@ pub fn set(
 ) -> Result<(), String> {
     let mut rates = *faults;
     let (mut unplug, mut replug, mut jammed) = (vec![], vec![], None);
+    // What is to become of each servo's world.
+    let mut worlds: Vec<_> = (0..ids.len()).map(|index| bus.servo(index).surroundings).collect();
+    let usual = Surroundings::default();
     for (key, value) in changes {
         let rate = match key.as_str() {
             "unplug" => {
@@ -75,6 +78,24 @@ pub fn set(
                 jammed = Some(named(ids, key, value)?);
                 continue;
             }
+            "temperature_c" => {
+                for (index, value) in by_id(ids, key, value, 0, 255)? {
+                    worlds[index].temperature_c = value.unwrap_or(usual.temperature_c);
+                }
+                continue;
+            }
+            "voltage_dv" => {
+                for (index, value) in by_id(ids, key, value, 0, 255)? {
+                    worlds[index].supply_dv = value.unwrap_or(usual.supply_dv);
+                }
+                continue;
+            }
+            "load" => {
+                for (index, value) in by_id(ids, key, value, -2000, 2000)? {
+                    worlds[index].load = value.unwrap_or(usual.load);
+                }
+                continue;
+            }
             "dropped_ppm" => &mut rates.dropped_ppm,
             "flipped_ppm" => &mut rates.flipped_ppm,
             "stalled_ppm" => &mut rates.stalled_ppm,
@@ -86,12 +107,41 @@ pub fn set(
     bus.set_faults(rates);
     unplug.into_iter().for_each(|index| bus.unplug(index));
     replug.into_iter().for_each(|index| bus.plug(index));
-    if let Some(jammed) = jammed {
-        for index in 0..ids.len() {
-            bus.servo(index).surroundings.jammed = jammed.contains(&index);
+    for (index, mut world) in worlds.into_iter().enumerate() {
+        if let Some(jammed) = &jammed {
+            world.jammed = jammed.contains(&index);
         }
+        bus.servo(index).surroundings = world;
     }
     Ok(())
+}
+
+/// Numbers, or nulls, for the servos that an object names by their IDs, by their places.
+fn by_id<T: TryFrom<i64>>(
+    ids: &[u8],
+    key: &str,
+    value: &Value,
+    least: i64,
+    most: i64,
+) -> Result<Vec<(usize, Option<T>)>, String> {
+    let entry = |(id, value): (&String, &Value)| {
+        let place = ids.iter().position(|known| id.parse() == Ok(*known))?;
+        let number = match value {
+            Value::Null => None,
+            value => {
+                let number = value.as_i64().filter(|number| (least..=most).contains(number))?;
+                Some(T::try_from(number).ok()?)
+            }
+        };
+        Some((place, number))
+    };
+    let entries = value.as_object().and_then(|object| object.iter().map(entry).collect());
+    entries.ok_or(format!(
+        "{key}: expected whole numbers from {least} to {most}, or null, by IDs out of {ids:?}, as \
+         {{\"{}\":{}}}",
+        ids.first().copied().unwrap_or(1),
+        most / 3,
+    ))
 }
 
 /// Which of these servos a list of IDs names, by their places.
@@ -117,21 +167,27 @@ pub fn line(servo: &Ax12, plugged: bool) -> String {
         servo.id(),
         servo.get(Register::PRESENT_POSITION),
         servo.get(Register::GOAL_POSITION),
-        if servo.get(Register::TORQUE_ENABLE) == 1 { " on" } else { "off" },
+        if servo.is_driven() { " on" } else { "off" },
         if plugged { servo.errors().to_string() } else { "unplugged".into() },
     )
 }
 
-/// A servo for the inspector.
+/// A servo for the inspector. Temperature, voltage, load and `jammed` are its world, as they can be
+/// set; `speed` (0.111 rpm, clockwise negative) and position are its shaft's.
 pub fn state(servo: &Ax12, plugged: bool) -> Value {
     json!({
         "id": servo.id(),
         "plugged": plugged,
         "position": servo.position(),
+        "speed": servo.speed(),
         "goal": servo.get(Register::GOAL_POSITION),
-        "speed": servo.get(Register::MOVING_SPEED),
-        "torque": servo.get(Register::TORQUE_ENABLE) == 1,
-        "load": servo.get(Register::PRESENT_LOAD),
+        "moving_speed": servo.get(Register::MOVING_SPEED),
+        "torque": servo.is_driven(),
+        "present_load": servo.get(Register::PRESENT_LOAD),
+        "temperature_c": servo.surroundings.temperature_c,
+        "voltage_dv": servo.surroundings.supply_dv,
+        "load": servo.surroundings.load,
+        "jammed": servo.surroundings.jammed,
         "errors": servo.errors().to_string(),
     })
 }

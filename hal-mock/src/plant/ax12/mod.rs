@@ -1,13 +1,23 @@
-//! An AX-12 servo: its registers with their rules, and what they do to its shaft.
+//! An AX-12 servo: its registers with their rules, and what they do to its shaft. It is an AX-12A as
+//! the maker's current e-manual has it (`protocol/src/dynamixel/register.rs` tells where the manual of
+//! 2006 differs):
+//! - an error bit of register 18 (36: heat, overload) sets the torque limit to 0. The motor is driven
+//!   again when the error is gone and a master writes another torque limit;
+//! - an overload is over when the motor is driven and does not stall, so a motor that it has switched
+//!   off keeps the bit until it is driven again;
+//! - a goal that is written out of the limits is an angle error until one within them is written.
+//!   Limits that move past an old goal are none.
 //!
 //! Vocabulary: a *refusal* is the error bits that a real servo answers to an instruction which it
 //! does not carry out; nothing of such an instruction is done. *EEPROM bytes* are how many bytes a
 //! write put into EEPROM: the servo is busy for some time with each.
 //!
 //! Not simulated: the baud rate register (it is kept, but the bus has one rate), punch, the
-//! calibration, and an alarm's blinking.
+//! calibration, an alarm's blinking, and that torque locks the EEPROM.
 
 mod shaft;
+
+use std::ops::RangeInclusive;
 
 use protocol::dynamixel::{Access, Errors, REGISTER_BYTES, Register};
 
@@ -30,6 +40,8 @@ struct Registered {
 pub struct Ax12 {
     registers: [u8; REGISTER_BYTES],
     registered: Option<Registered>,
+    /// The last goal that was written was out of the limits.
+    goal_is_beyond: bool,
     shaft: Shaft,
     /// The world around it.
     pub surroundings: Surroundings,
@@ -43,6 +55,7 @@ impl Ax12 {
         let mut servo = Self {
             registers: [0; REGISTER_BYTES],
             registered: None,
+            goal_is_beyond: false,
             shaft: Shaft::default(),
             surroundings: Surroundings::default(),
             now_ms: 0,
@@ -57,6 +70,8 @@ impl Ax12 {
     /// Power has come back: RAM has its defaults, the goal is where the shaft is.
     pub fn power_on(&mut self) {
         self.registered = None;
+        self.set(Register::REGISTERED, 0);
+        self.goal_is_beyond = false;
         self.shaft.stop();
         self.set_defaults(Access::Ram);
         self.set(Register::GOAL_POSITION, self.shaft.reading());
@@ -90,6 +105,16 @@ impl Ax12 {
         self.shaft.position()
     }
 
+    /// How fast its shaft turns, in 0.111 rpm; clockwise is negative.
+    pub fn speed(&self) -> f32 {
+        self.shaft.signed_speed()
+    }
+
+    /// Whether its motor is driven: torque is enabled, and no shutdown has taken its limit.
+    pub fn is_driven(&self) -> bool {
+        self.torque_limit() > 0
+    }
+
     /// `count` bytes from `address` on.
     ///
     /// # Errors
@@ -111,6 +136,10 @@ impl Ax12 {
         let eeprom_bytes = self.check(address, data)?;
         let from = usize::from(address);
         self.registers[from..from + data.len()].copy_from_slice(data);
+        let goal = usize::from(Register::GOAL_POSITION.address);
+        if (from..from + data.len()).contains(&goal) {
+            self.goal_is_beyond = !self.limits().contains(&self.get(Register::GOAL_POSITION));
+        }
         Ok(eeprom_bytes)
     }
 
@@ -156,9 +185,7 @@ impl Ax12 {
         let voltage =
             self.get(Register::LOW_VOLTAGE_LIMIT)..=self.get(Register::HIGH_VOLTAGE_LIMIT);
         when(!voltage.contains(&u16::from(self.surroundings.supply_dv)), Errors::VOLTAGE);
-        let limits = self.get(Register::CW_LIMIT)..=self.get(Register::CCW_LIMIT);
-        let beyond = !limits.contains(&self.get(Register::GOAL_POSITION));
-        when(beyond && !self.turns_endlessly(), Errors::ANGLE);
+        when(self.goal_is_beyond && !self.turns_endlessly(), Errors::ANGLE);
         let limit = self.get(Register::TEMPERATURE_LIMIT);
         when(u16::from(self.surroundings.temperature_c) > limit, Errors::OVERHEAT);
         when(self.shaft.is_overloaded(), Errors::OVERLOAD);
@@ -173,7 +200,6 @@ impl Ax12 {
             self.shaft.step(&drive, &self.surroundings);
             let alarm = self.errors().bits() & self.get(Register::ALARM_SHUTDOWN) as u8;
             if alarm != 0 {
-                self.set(Register::TORQUE_ENABLE, 0);
                 self.set(Register::TORQUE_LIMIT, 0);
             }
             self.show();
@@ -216,21 +242,30 @@ impl Ax12 {
         self.get(Register::CW_LIMIT) == 0 && self.get(Register::CCW_LIMIT) == 0
     }
 
-    fn drive(&self) -> Drive {
-        let torque_limit = match self.get(Register::TORQUE_ENABLE) {
+    fn limits(&self) -> RangeInclusive<u16> {
+        self.get(Register::CW_LIMIT)..=self.get(Register::CCW_LIMIT)
+    }
+
+    /// What the motor may push with.
+    fn torque_limit(&self) -> u16 {
+        match self.get(Register::TORQUE_ENABLE) {
             0 => 0,
             _ => self.get(Register::TORQUE_LIMIT),
-        };
+        }
+    }
+
+    fn drive(&self) -> Drive {
+        let torque_limit = self.torque_limit();
         let goal = self.get(Register::GOAL_POSITION);
-        let limits = self.get(Register::CW_LIMIT)..=self.get(Register::CCW_LIMIT);
+        let limits = self.limits();
         let goal = goal.max(*limits.start()).min(*limits.end());
-        let pair = |cw, ccw| [self.get(cw).into(), self.get(ccw).into()];
+        let pair = |cw, ccw| [self.get(cw), self.get(ccw)];
         Drive {
             goal: (!self.turns_endlessly()).then_some(goal.into()),
             speed: self.get(Register::MOVING_SPEED),
             torque_limit: torque_limit.into(),
-            margins: pair(Register::CW_MARGIN, Register::CCW_MARGIN),
-            slopes: pair(Register::CW_SLOPE, Register::CCW_SLOPE),
+            margins: pair(Register::CW_MARGIN, Register::CCW_MARGIN).map(f32::from),
+            slopes: pair(Register::CW_SLOPE, Register::CCW_SLOPE).map(slope_in_force),
         }
     }
 
@@ -243,6 +278,11 @@ impl Ax12 {
         self.set(Register::PRESENT_TEMPERATURE, self.surroundings.temperature_c.into());
         self.set(Register::MOVING, self.shaft.is_moving().into());
     }
+}
+
+/// What a compliance slope counts as: the power of two at its step's beginning, 2 at the least.
+fn slope_in_force(slope: u16) -> f32 {
+    (1u16 << slope.max(2).ilog2()).into()
 }
 
 #[cfg(test)]
@@ -352,8 +392,8 @@ mod tests {
         assert_eq!(servo.get(Register::MAX_TORQUE), 800);
         assert_eq!(servo.get(Register::TORQUE_LIMIT), 800);
         assert_eq!(servo.get(Register::TORQUE_ENABLE), 0);
-        assert_eq!(servo.get(Register::GOAL_POSITION), 700);
-        assert_eq!(servo.get(Register::PRESENT_POSITION), 700);
+        assert_eq!(servo.get(Register::GOAL_POSITION), 699);
+        assert_eq!(servo.get(Register::PRESENT_POSITION), 699);
     }
 
     #[test]
@@ -371,12 +411,14 @@ mod tests {
         servo.advance_to(990);
         assert!((733..739).contains(&servo.get(Register::PRESENT_POSITION)));
         servo.advance_to(1010);
-        assert_eq!(servo.get(Register::PRESENT_POSITION), 739);
+        // Within the margin of 1 the motor is left alone.
+        assert_eq!(servo.get(Register::PRESENT_POSITION), 738);
         assert_eq!((servo.get(Register::MOVING), servo.get(Register::PRESENT_SPEED)), (0, 0));
         // And back: clockwise is bit 10.
         write(&mut servo, Register::GOAL_POSITION, 512).unwrap();
         servo.advance_to(1100);
         assert_eq!(servo.get(Register::PRESENT_SPEED), 1024 + 100);
+        assert_eq!(servo.speed().round(), -100.0);
         assert!((1025..2048).contains(&servo.get(Register::PRESENT_LOAD)), "clockwise");
         // Without a torque it stays.
         write(&mut servo, Register::TORQUE_ENABLE, 0).unwrap();
@@ -393,12 +435,55 @@ mod tests {
         assert_eq!(servo.errors(), Errors::NONE);
         write(&mut servo, Register::GOAL_POSITION, 601).unwrap();
         servo.advance_to(2000);
-        assert_eq!((servo.errors(), servo.get(Register::PRESENT_POSITION)), (Errors::ANGLE, 600));
+        assert_eq!((servo.errors(), servo.get(Register::PRESENT_POSITION)), (Errors::ANGLE, 599));
+        write(&mut servo, Register::GOAL_POSITION, 599).unwrap();
+        assert_eq!(servo.errors(), Errors::NONE);
+        // Without limits it is none, and power off forgets it.
+        write(&mut servo, Register::GOAL_POSITION, 601).unwrap();
+        servo.write(6, &[0, 0, 0, 0]).unwrap();
+        assert_eq!(servo.errors(), Errors::NONE);
+        servo.write(6, &[0, 0, 0x58, 2]).unwrap();
+        assert_eq!(servo.errors(), Errors::ANGLE);
+        servo.power_on();
+        assert_eq!(servo.errors(), Errors::NONE);
+    }
+
+    #[test]
+    fn limits_that_move_past_an_old_goal_are_no_angle_error() {
+        let mut servo = driven();
+        write(&mut servo, Register::GOAL_POSITION, 700).unwrap();
+        write(&mut servo, Register::CCW_LIMIT, 600).unwrap();
+        servo.advance_to(100);
+        assert_eq!(servo.errors(), Errors::NONE);
+        // Nor are they the end of one.
+        write(&mut servo, Register::GOAL_POSITION, 700).unwrap();
+        write(&mut servo, Register::CCW_LIMIT, 1023).unwrap();
+        assert_eq!(servo.errors(), Errors::ANGLE);
+        // A write that has the goal among others counts too.
+        servo.write(24, &[1, 0, 1, 1, 32, 32, 0xBC, 2, 0, 0, 0xFF, 3]).unwrap();
+        assert_eq!(servo.errors(), Errors::NONE);
+    }
+
+    #[test]
+    fn as_from_the_factory_it_is_the_e_manuals_ax_12a() {
+        let servo = Ax12::new(1);
+        let values = [
+            Register::TEMPERATURE_LIMIT,
+            Register::HIGH_VOLTAGE_LIMIT,
+            Register::ALARM_LED,
+            Register::ALARM_SHUTDOWN,
+            Register::CW_MARGIN,
+            Register::CCW_MARGIN,
+        ];
+        assert_eq!(values.map(|register| servo.get(register)), [70, 140, 36, 36, 1, 1]);
+        let steps = [0, 3, 4, 7, 8, 15, 16, 25, 31, 32, 63, 64, 127, 128, 254].map(slope_in_force);
+        assert_eq!(steps, [2., 2., 4., 4., 8., 8., 16., 16., 16., 32., 32., 64., 64., 128., 128.]);
     }
 
     #[test]
     fn a_jammed_servo_pushes_with_its_torque_limit_and_reports_overload_until_freed() {
         let mut servo = driven();
+        write(&mut servo, Register::ALARM_SHUTDOWN, 0).unwrap();
         servo.surroundings.jammed = true;
         write(&mut servo, Register::TORQUE_LIMIT, 500).unwrap();
         write(&mut servo, Register::GOAL_POSITION, 200).unwrap();
@@ -409,29 +494,67 @@ mod tests {
         assert_eq!(servo.errors(), Errors::OVERLOAD);
         servo.surroundings.jammed = false;
         servo.advance_to(3000);
-        assert_eq!((servo.errors(), servo.get(Register::PRESENT_POSITION)), (Errors::NONE, 200));
+        assert_eq!((servo.errors(), servo.get(Register::PRESENT_POSITION)), (Errors::NONE, 201));
+    }
 
-        // With the alarm set the torque is switched off.
-        write(&mut servo, Register::ALARM_SHUTDOWN, 0x20).unwrap();
+    #[test]
+    fn an_overload_shuts_it_down_until_it_is_freed_and_given_a_torque_limit() {
+        let mut servo = driven();
         servo.surroundings.jammed = true;
         write(&mut servo, Register::GOAL_POSITION, 800).unwrap();
+        servo.advance_to(490);
+        assert!(servo.is_driven() && servo.errors() == Errors::NONE);
+        let is_shut_down = |servo: &Ax12| {
+            assert_eq!((servo.errors(), servo.is_driven()), (Errors::OVERLOAD, false));
+            assert_eq!(
+                (servo.get(Register::TORQUE_LIMIT), servo.get(Register::PRESENT_LOAD)),
+                (0, 0)
+            );
+            assert_eq!(servo.get(Register::TORQUE_ENABLE), 1, "the e-manual has the limit alone");
+        };
         servo.advance_to(4000);
-        assert_eq!((servo.get(Register::TORQUE_ENABLE), servo.get(Register::TORQUE_LIMIT)), (0, 0));
-        assert_eq!(servo.get(Register::PRESENT_LOAD), 0);
+        is_shut_down(&servo);
+        // Who insists while it is jammed gets no more than a push.
+        write(&mut servo, Register::TORQUE_LIMIT, 1023).unwrap();
+        servo.advance_to(4002);
+        is_shut_down(&servo);
+        servo.surroundings.jammed = false;
+        servo.advance_to(5000);
+        is_shut_down(&servo);
+        write(&mut servo, Register::TORQUE_LIMIT, 1023).unwrap();
+        servo.advance_to(7000);
+        assert_eq!((servo.errors(), servo.get(Register::PRESENT_POSITION)), (Errors::NONE, 799));
+    }
+
+    #[test]
+    fn a_load_that_is_too_much_is_an_overload_and_backing_off_ends_it() {
+        let mut servo = driven();
+        write(&mut servo, Register::TORQUE_LIMIT, 300).unwrap();
+        servo.surroundings.load = -400;
+        write(&mut servo, Register::GOAL_POSITION, 800).unwrap();
+        servo.advance_to(600);
+        assert_eq!((servo.errors(), servo.is_driven()), (Errors::OVERLOAD, false));
+        // The other way the load helps against friction, and 500 hold it: to 300.
+        servo.write(30, &[0x2C, 1, 0, 0, 0xF4, 1]).unwrap();
+        servo.advance_to(2000);
+        assert_eq!((servo.errors(), servo.get(Register::PRESENT_POSITION)), (Errors::NONE, 301));
     }
 
     #[test]
     fn heat_and_voltage_out_of_their_limits_are_errors() {
         let mut servo = driven();
-        servo.surroundings.temperature_c = 86;
-        servo.surroundings.supply_dv = 59;
+        servo.surroundings.supply_dv = 141;
         servo.advance_to(1);
-        assert_eq!(servo.errors(), Errors::OVERHEAT | Errors::VOLTAGE);
-        assert_eq!(servo.read(42, 2), Ok(&[59, 86][..]));
-        // The factory's alarm is for heat.
-        assert_eq!(servo.get(Register::TORQUE_ENABLE), 0);
-        servo.surroundings = Surroundings::default();
+        assert_eq!((servo.errors(), servo.is_driven()), (Errors::VOLTAGE, true));
+        servo.surroundings.temperature_c = 71;
+        servo.surroundings.supply_dv = 59;
         servo.advance_to(2);
+        assert_eq!(servo.errors(), Errors::OVERHEAT | Errors::VOLTAGE);
+        assert_eq!(servo.read(42, 2), Ok(&[59, 71][..]));
+        // The factory's shutdown is for heat, not for voltage.
+        assert!(!servo.is_driven());
+        servo.surroundings = Surroundings::default();
+        servo.advance_to(3);
         assert_eq!(servo.errors(), Errors::NONE);
     }
 

@@ -98,6 +98,11 @@ impl Shaft {
         }
     }
 
+    /// In 0.111 rpm; clockwise is negative.
+    pub fn signed_speed(&self) -> f32 {
+        self.speed
+    }
+
     /// The present speed register.
     pub fn speed(&self) -> u16 {
         with_direction(self.speed)
@@ -152,7 +157,12 @@ impl Shaft {
             self.travel(way.copysign(error), drive.goal.is_none());
         }
         let stalled = driven && blocked && self.torque.abs() >= drive.torque_limit;
-        self.stalled_ms = if stalled { self.stalled_ms.saturating_add(1) } else { 0 };
+        self.stalled_ms = match self.stalled_ms {
+            ms if stalled => ms.saturating_add(1),
+            // Only a motor that is driven can tell that it is overloaded no more.
+            ms if !driven && ms >= OVERLOAD_MS => ms,
+            _ => 0,
+        };
     }
 
     fn travel(&mut self, way: f32, endlessly: bool) {
