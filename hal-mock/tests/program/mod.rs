@@ -115,6 +115,15 @@ impl Board {
         }
     }
 
+    /// Ends it; what it wrote to standard error, which must be a pipe.
+    pub fn log_after_end(&mut self) -> String {
+        let pid = self.child.id().to_string();
+        Command::new("kill").args(["-15", &pid]).status().unwrap();
+        let mut text = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+        text
+    }
+
     /// Sends a signal; the exit code and what was printed since.
     pub fn signal(mut self, signal: i32) -> (Option<i32>, String) {
         let pid = self.child.id().to_string();

@@ -106,6 +106,14 @@ impl Machine for Ax12Bus {
         json!({ "t_ms": Instant::now().as_millis(), "servos": servos.collect::<Vec<_>>() })
     }
 
+    fn settable(&self) -> &'static [&'static str] {
+        &servos::SETTABLE
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        servos::overridden(&self.bus, &self.ids, &self.faults)
+    }
+
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
         servos::set(&mut self.bus, &self.ids, &mut self.faults, changes)
     }

@@ -116,6 +116,14 @@ impl Machine for Cm5 {
         })
     }
 
+    fn settable(&self) -> &'static [&'static str] {
+        &servos::SETTABLE
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        servos::overridden(&self.board.bus.bus(), &self.ids, &self.faults)
+    }
+
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
         servos::set(&mut self.board.bus.bus(), &self.ids, &mut self.faults, changes)
     }

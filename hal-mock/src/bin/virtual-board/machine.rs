@@ -29,6 +29,12 @@ pub trait Machine {
     /// The simulated truth.
     fn state(&self) -> Value;
 
+    /// What can be [`set`](Self::set).
+    fn settable(&self) -> &'static [&'static str];
+
+    /// What of it is not as the simulation would have it, as it would be set.
+    fn overridden(&self) -> Map<String, Value>;
+
     /// Changes the simulated world; an error names the key, and nothing is changed.
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String>;
 }
@@ -41,6 +47,9 @@ pub trait Follower {
 
     /// Forgets the frame whose rest has not come.
     fn forget(&mut self);
+
+    /// The frames of a fresh stream, if it holds one at least and nothing else.
+    fn whole(&mut self, bytes: &[u8]) -> Option<Vec<Vec<u8>>>;
 }
 
 impl<F: Framing, const N: usize> Follower for Deframer<F, N> {
@@ -51,5 +60,15 @@ impl<F: Framing, const N: usize> Follower for Deframer<F, N> {
 
     fn forget(&mut self) {
         *self = Self::new();
+    }
+
+    fn whole(&mut self, mut bytes: &[u8]) -> Option<Vec<Vec<u8>>> {
+        self.forget();
+        let mut frames = Vec::new();
+        while let Some(frame) = self.receive(&mut bytes) {
+            frames.push(frame.to_vec());
+        }
+        let is_whole = self.pending() == 0 && self.reception().bytes_skipped == 0;
+        (is_whole && !frames.is_empty()).then_some(frames)
     }
 }

@@ -6,6 +6,7 @@
 
 mod ax12_bus;
 mod cm5;
+mod door;
 mod inspect;
 mod links;
 mod machine;
@@ -102,7 +103,7 @@ fn run(options: &Options) -> Result<(), String> {
         }
         links.receive(machine.as_ref());
         if let Some(inspector) = &mut inspector {
-            inspector.serve(machine.as_mut());
+            inspector.serve(machine.as_mut(), &links);
         }
         machine.run_until(embassy_time::Instant::from_micros(now.as_micros() as u64));
         while let Some((_, frame)) = machine.line().host_receives() {

@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use crate::machine::{Follower, Machine};
 use crate::options::Options;
 use crate::pms5005::latched;
-use crate::values::numbers;
+use crate::values::{numbers, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
 /// command line goes before the one in the settings.
@@ -143,6 +143,18 @@ impl Machine for VirtualBoard<PioneerArm> {
         })
     }
 
+    fn settable(&self) -> &'static [&'static str] {
+        &["arm_link", "battery"]
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        let overrides = &self.plant.borrow().overrides;
+        that_are_set(json!({
+            "arm_link": overrides.gpio_in.map(|input| input == CONNECTED),
+            "battery": overrides.battery,
+        }))
+    }
+
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
         let mut overrides = self.plant.borrow().overrides.clone();
         for (key, value) in changes {
@@ -152,7 +164,7 @@ impl Machine for VirtualBoard<PioneerArm> {
                 ("arm_link", Value::Null) => overrides.gpio_in = None,
                 ("arm_link", _) => return Err(format!("{key}: expected true, false, or null")),
                 ("battery", value) => overrides.battery = numbers(key, value, 4095)?,
-                _ => return Err(format!("{key}: nothing of this name can be set")),
+                _ => return Err(format!("{key}: cannot be set")),
             }
         }
         self.plant.borrow_mut().overrides = overrides;

@@ -15,7 +15,7 @@ use serde_json::{Map, Value, json};
 
 use crate::machine::{Follower, Machine};
 use crate::options::Options;
-use crate::values::{list, number, numbers};
+use crate::values::{list, number, numbers, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its files.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
@@ -116,6 +116,30 @@ impl Machine for VirtualBoard {
 
     fn state(&self) -> Value {
         json!(State::of(self))
+    }
+
+    fn settable(&self) -> &'static [&'static str] {
+        &[
+            "pot",
+            "encoder",
+            "motor_current",
+            "custom_ad",
+            "human",
+            "tilt",
+            "overheat",
+            "temperature",
+            "ir_range",
+            "battery",
+            "reference",
+            "sonar_cm",
+            "ir_command",
+            "gpio_in",
+            "jam",
+        ]
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        that_are_set(json!(self.plant.borrow().overrides))
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
@@ -263,7 +287,7 @@ fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides
                 new.jam = list(value, |value| value.as_bool())
                     .ok_or(format!("{key}: expected 6 booleans, or null"))?;
             }
-            _ => return Err(format!("{key}: nothing of this name can be set")),
+            _ => return Err(format!("{key}: cannot be set")),
         }
     }
     Ok(new)

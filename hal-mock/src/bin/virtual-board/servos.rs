@@ -51,6 +51,28 @@ pub fn faults(list: &str) -> Result<Faults, String> {
     Ok(faults)
 }
 
+/// What [`set`] knows.
+pub const SETTABLE: [&str; 6] =
+    ["unplug", "replug", "jammed", "dropped_ppm", "flipped_ppm", "stalled_ppm"];
+
+/// What of it is not as it was in the beginning. `ids` as for [`set`].
+pub fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Value> {
+    let of = |what: &dyn Fn(&Ax12, bool) -> bool| {
+        let such =
+            ids.iter().zip(bus.servos()).filter(|(_, (servo, plugged))| what(servo, *plugged));
+        let ids: Vec<u8> = such.map(|(id, _)| *id).collect();
+        (!ids.is_empty()).then_some(ids)
+    };
+    let rate = |ppm: u32| (ppm > 0).then_some(ppm);
+    values::that_are_set(json!({
+        "unplug": of(&|_, plugged| !plugged),
+        "jammed": of(&|servo, _| servo.surroundings.jammed),
+        "dropped_ppm": rate(faults.dropped_ppm),
+        "flipped_ppm": rate(faults.flipped_ppm),
+        "stalled_ppm": rate(faults.stalled_ppm),
+    }))
+}
+
 /// Changes the bus and its servos as the inspector asks. `ids` are the IDs that they had in the
 /// beginning. An error names the key, and nothing is changed.
 pub fn set(
@@ -78,7 +100,7 @@ pub fn set(
             "dropped_ppm" => &mut rates.dropped_ppm,
             "flipped_ppm" => &mut rates.flipped_ppm,
             "stalled_ppm" => &mut rates.stalled_ppm,
-            _ => return Err(format!("{key}: nothing of this name can be set")),
+            _ => return Err(format!("{key}: cannot be set")),
         };
         *rate = values::number(key, value, CERTAIN_PPM)?.unwrap_or(0);
     }
