@@ -115,8 +115,7 @@ impl Links {
         })
     }
 
-    /// What can bring bytes, to wait for. A closed pseudo-terminal would end every wait at once,
-    /// and a full line takes nothing.
+    /// What can bring bytes, to wait for. A full line takes nothing.
     pub fn watch<'a>(&'a self, line: &Line, fds: &mut Vec<BorrowedFd<'a>>) {
         fds.push(self.door.as_fd());
         if line.backlog() <= BACKLOG {
@@ -124,9 +123,7 @@ impl Links {
                 fds.extend(self.udp.as_ref().map(AsFd::as_fd));
             }
             fds.extend(self.clients.iter().filter_map(|client| client.guest.watch()));
-            if self.pty_was_open {
-                fds.push(self.pty.as_fd());
-            }
+            fds.push(self.pty.as_fd());
         }
     }
 
@@ -153,12 +150,12 @@ impl Links {
                 break;
             }
             match source {
-                0 if self.pty_was_open => {
+                // Whoever has closed the device may have sent something before.
+                0 => {
                     let mut buffer = [0; TURN];
                     let count = self.pty.read(&mut buffer);
                     self.pty_flow.pass(&buffer[..count], line);
                 }
-                0 => {}
                 1 => self.receive_datagram(machine),
                 _ => self.clients[source - 2].receive(line),
             }
