@@ -115,10 +115,15 @@ impl Board {
         }
     }
 
+    /// Sends it a signal, and does not wait.
+    pub fn kill(&mut self, signal: i32) {
+        let pid = self.child.id().to_string();
+        Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
+    }
+
     /// Ends it; what it wrote to standard error, which must be a pipe.
     pub fn log_after_end(&mut self) -> String {
-        let pid = self.child.id().to_string();
-        Command::new("kill").args(["-15", &pid]).status().unwrap();
+        self.kill(15);
         let mut text = String::new();
         self.child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
         text
@@ -126,8 +131,7 @@ impl Board {
 
     /// Sends a signal; the exit code and what was printed since.
     pub fn signal(mut self, signal: i32) -> (Option<i32>, String) {
-        let pid = self.child.id().to_string();
-        Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
+        self.kill(signal);
         let mut text = String::new();
         self.out.read_to_string(&mut text).unwrap();
         (self.child.wait().unwrap().code(), text)
