@@ -177,7 +177,13 @@ fn a_foreign_flash_means_defaults_and_a_fault_and_can_be_used() {
         std::iter::repeat_with(next).take(SIZE).collect::<Vec<_>>()
     };
     let mut images: Vec<Vec<u8>> = (0..200).map(noise).collect();
-    images.extend([vec![0; SIZE], vec![0x5E; SIZE], vec![0; SECTOR], vec![0; 100], b"somebody else's text".into()]);
+    images.extend([
+        vec![0; SIZE],
+        vec![0x5E; SIZE],
+        vec![0; SECTOR],
+        vec![0; 100],
+        b"somebody else's text".into(),
+    ]);
     images.push([vec![0xFF; SIZE - 1], vec![0]].concat());
     for (i, image) in images.iter().enumerate() {
         let flash = Flash::with(image);
@@ -258,7 +264,9 @@ fn power_lost_in_several_saves_in_a_row_leaves_what_was_saved_last() {
                 let n = saved + 1 + k;
                 flash.lose_power_after((first + 131 * k as usize) % (RECORD + 40), k % 2 == 0);
                 let done = save(&flash, n);
-                if flash.restore_power() { assert_eq!(done, Err(SaveFailed)); }
+                if flash.restore_power() {
+                    assert_eq!(done, Err(SaveFailed));
+                }
                 let (found, origin) = load(&flash);
                 let what = format!("{saved} saved, cut at {first}, {k}: {origin:?}");
                 if found == settings(n) {

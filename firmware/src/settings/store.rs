@@ -87,7 +87,10 @@ impl<F: NorFlash> Store<F> {
     pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
         // Begun anew, so that the next one is a first record again if it is torn too.
         if self.written() == Written::Begun {
-            self.erase(self.range.start..self.range.start.saturating_add(F::ERASE_SIZE as u32), &mut feed);
+            self.erase(
+                self.range.start..self.range.start.saturating_add(F::ERASE_SIZE as u32),
+                &mut feed,
+            );
         }
         // In damaged flash the first try may only mend the map.
         if self.append(settings, &mut feed) || self.append(settings, &mut feed) {

@@ -41,7 +41,7 @@ impl Board {
 
     /// As [`start`](Self::start), of a command made otherwise.
     pub fn spawn(command: &mut Command) -> Self {
-        command.args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0", "--headless"]);
+        command.args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0"]);
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let out = BufReader::new(child.stdout.take().unwrap());
         let mut board = Self { child, out, title: String::new(), places: HashMap::new() };
@@ -146,11 +146,23 @@ impl Drop for Board {
     }
 }
 
-/// It has ended with one line that names what is wrong, and said nothing else.
+/// The command line was refused, with words that name what is wrong, and nothing else was said.
 #[track_caller]
 pub fn refused(output: &Output, names: &str) {
+    has_ended(output, 2, names);
+}
+
+/// It has ended with one line that names what keeps it from running, and said nothing else.
+#[track_caller]
+pub fn cannot_run(output: &Output, names: &str) {
+    has_ended(output, 1, names);
+    assert_eq!(output.stderr.iter().filter(|byte| **byte == b'\n').count(), 1);
+}
+
+#[track_caller]
+fn has_ended(output: &Output, code: i32, names: &str) {
     let error = String::from_utf8(output.stderr.clone()).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{error}");
-    assert!(error.lines().count() == 1 && error.contains(names), "{names}: {error}");
+    assert_eq!(output.status.code(), Some(code), "{error}");
+    assert!(error.contains(names), "{names}: {error}");
     assert!(output.stdout.is_empty());
 }

@@ -30,11 +30,7 @@ struct Ax12Bus {
 
 /// The bus that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let ids = servos::ids(&options.servos, 0)?;
-    let faults = servos::faults(&options.bus_faults)?;
-    if options.line_rate() == 0 {
-        return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());
-    }
+    let (ids, faults) = (options.servos()?, options.bus_faults()?);
     clock::reset();
     let (baud, seed) = (options.line_rate(), options.seed);
     let make = Make { baud, echo: false, faults, seed, ..Make::default() };
@@ -96,9 +92,8 @@ impl Machine for Ax12Bus {
         format!("positions={}", servos::positions(self.bus.servos()))
     }
 
-    fn panel(&self) -> String {
-        let lines = self.bus.servos().map(|(servo, plugged)| servos::line(servo, plugged));
-        lines.collect::<Vec<_>>().join("\n")
+    fn faults(&self) -> Vec<String> {
+        servos::errors(self.bus.servos())
     }
 
     fn state(&self) -> Value {

@@ -24,9 +24,7 @@ struct Cm5 {
 
 /// The CM-5 that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    // A CM-5 searches no others.
-    let ids = servos::ids(&options.servos, 1)?;
-    let faults = servos::faults(&options.bus_faults)?;
+    let (ids, faults) = (options.servos()?, options.bus_faults()?);
     let board = Cm5Board::new(Make {
         servos: ids.iter().copied().map(Ax12::new).collect(),
         bus: servo_bus::Make { faults, seed: options.seed, ..servo_bus::Make::default() },
@@ -55,42 +53,25 @@ impl Machine for Cm5 {
 
     fn status(&self) -> String {
         let bridge = self.board.bridge();
-        let BridgeCounters { cycles, pc, .. } = bridge.counters();
+        let BridgeCounters { pc, .. } = bridge.counters();
         let (answering, known) = (bridge.servos().filter(answers).count(), bridge.servos().count());
         format!(
-            "servos={answering}/{known} cycles={cycles} goals={} reports={} refused={} positions={}{}",
+            "servos={answering}/{known} goals={} refused={} positions={}",
             pc.goals,
-            pc.reports_sent,
             pc.refused,
             servos::positions(self.board.bus.bus().servos()),
-            if bridge.pc_is_silent() { " PC-SILENT" } else { "" },
         )
     }
 
-    fn panel(&self) -> String {
+    fn faults(&self) -> Vec<String> {
         let bridge = self.board.bridge();
-        let bus = self.board.bus.bus();
-        let lines = bus.servos().map(|(servo, plugged)| {
-            let known = bridge.servos().find(|known| known.id().number() == servo.id());
-            let role = match known {
-                None => "not found",
-                Some(known) if known.is_missing() => "missing",
-                Some(known) if !known.is_agreed() => "not agreed",
-                Some(_) => "at work",
-            };
-            format!("{}  {role}", servos::line(servo, plugged))
-        });
-        let BridgeCounters { cycles, pc, .. } = bridge.counters();
-        let mut lines: Vec<_> = lines.collect();
-        lines.push(format!(
-            "cycles {cycles}  hellos {}  goals {}  reports {}  refused {}{}",
-            pc.hellos_sent,
-            pc.goals,
-            pc.reports_sent,
-            pc.refused,
-            if bridge.pc_is_silent() { "  PC silent" } else { "" },
-        ));
-        lines.join("\n")
+        let mut faults = servos::errors(self.board.bus.bus().servos());
+        let missing = bridge.servos().filter(|servo| servo.is_missing());
+        faults.extend(missing.map(|servo| format!("servo {} missing", servo.id().number())));
+        if bridge.pc_is_silent() {
+            faults.push("PC silent".into());
+        }
+        faults
     }
 
     fn state(&self) -> Value {

@@ -7,7 +7,7 @@
 
 use std::cell::Cell;
 use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 
@@ -30,6 +30,7 @@ const METHODS: [&[u8]; 9] = [
 /// The listener.
 pub struct Door {
     listener: TcpListener,
+    place: String,
     /// What its clients are called in the log.
     whose: &'static str,
     refused: Rc<Cell<u32>>,
@@ -60,15 +61,19 @@ pub enum Said {
 }
 
 impl Door {
-    pub fn open(whose: &'static str, address: &str) -> std::io::Result<Self> {
-        let listener = TcpListener::bind(address)?;
-        listener.set_nonblocking(true)?;
-        Ok(Self { listener, whose, refused: Rc::default() })
+    pub fn open(whose: &'static str, address: Address<'_>) -> Result<Self, String> {
+        let (listener, place) = address.listen(|address| {
+            let listener = TcpListener::bind(address)?;
+            listener.set_nonblocking(true)?;
+            let place = listener.local_addr()?;
+            Ok((listener, place))
+        })?;
+        Ok(Self { listener, place, whose, refused: Rc::default() })
     }
 
     /// Where it is, for the user.
-    pub fn place(&self) -> String {
-        self.listener.local_addr().map_or_else(|e| e.to_string(), |address| address.to_string())
+    pub fn place(&self) -> &str {
+        &self.place
     }
 
     /// Clients that were sent away so far.
@@ -170,12 +175,47 @@ fn is_for_now(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Why an address will not do, and what would.
-pub fn cannot_listen(option: &str, address: &str, error: &std::io::Error) -> String {
-    let remedy = match error.kind() {
-        ErrorKind::AddrInUse => "; port 0 takes a free one",
-        ErrorKind::InvalidInput => "; expected an address and a port, as 127.0.0.1:5005",
-        _ => "",
-    };
-    format!("{option} {address}: {error}{remedy}")
+/// Where to listen.
+#[derive(Clone, Copy)]
+pub struct Address<'a> {
+    option: &'static str,
+    text: &'a str,
+    /// Nobody has asked for this one.
+    is_default: bool,
+}
+
+impl<'a> Address<'a> {
+    /// What was asked for with an option, or its default.
+    pub fn new(option: &'static str, asked: Option<&'a str>, default: &'a str) -> Self {
+        Self { option, text: asked.unwrap_or(default), is_default: asked.is_none() }
+    }
+
+    /// Binds something there, or in place of a default that is in use to a free port. Also answers
+    /// where it is, for the user.
+    pub fn listen<T>(
+        &self,
+        bind: impl Fn(&str) -> std::io::Result<(T, SocketAddr)>,
+    ) -> Result<(T, String), String> {
+        let Self { option, text, is_default } = *self;
+        let error = match bind(text) {
+            Ok((bound, place)) => return Ok((bound, place.to_string())),
+            Err(error) => error,
+        };
+        let is_in_use = error.kind() == ErrorKind::AddrInUse;
+        if is_in_use
+            && is_default
+            && let Some((host, _)) = text.rsplit_once(':')
+            && let Ok((bound, place)) = bind(&format!("{host}:0"))
+        {
+            return Ok((bound, format!("{place}, because {text} is in use")));
+        }
+        let remedy = if is_in_use { "; port 0 takes a free one" } else { "" };
+        Err(format!("{option} {text}: {error}{remedy}"))
+    }
+}
+
+/// Whether no other computer reaches an address; also if it is none.
+pub fn is_loopback(address: &str) -> bool {
+    let mut addresses = address.to_socket_addrs().into_iter().flatten();
+    addresses.all(|address| address.ip().is_loopback())
 }

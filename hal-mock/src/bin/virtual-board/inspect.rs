@@ -4,12 +4,11 @@
 //! `{"ok":true}`, or `{"error":"..."}` with nothing changed. The board comes first: one question of
 //! all clients' is answered a turn, and one of a client that has read its last answer.
 
-use std::net::ToSocketAddrs;
 use std::os::fd::{AsFd, BorrowedFd};
 
 use serde_json::{Map, Value, json};
 
-use crate::door::{Door, Guest, Said, cannot_listen};
+use crate::door::{Address, Door, Guest, Said};
 use crate::links::Links;
 use crate::machine::Machine;
 
@@ -43,13 +42,8 @@ impl AsRef<Guest> for Client {
 impl Inspector {
     /// Opens the window, or says in one line why not.
     pub fn open(address: &str) -> Result<Self, String> {
-        let complain = |e| cannot_listen("--inspect", address, &e);
-        let addresses = address.to_socket_addrs().map_err(complain);
-        if !addresses?.all(|address| address.ip().is_loopback()) {
-            return Err(format!("--inspect {address}: only a loopback address will do"));
-        }
-        let door = Door::open("inspector's", address).map_err(complain)?;
-        Ok(Self { door, clients: Vec::new(), turn: 0 })
+        let address = Address::new("--inspect", Some(address), address);
+        Ok(Self { door: Door::open("inspector's", address)?, clients: Vec::new(), turn: 0 })
     }
 
     /// Where it is, for the user.

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use hal_mock::wire::Line;
 use serde_json::{Value, json};
 
-use crate::door::{self, Door, Guest, Said, cannot_listen};
+use crate::door::{self, Address, Door, Guest, Said};
 use crate::machine::{Follower, Machine};
 use crate::pty::Pty;
 
@@ -35,7 +35,8 @@ pub struct Links {
     pty_was_open: bool,
     door: Door,
     clients: Vec<Client>,
-    udp: Option<UdpSocket>,
+    /// With where it is, for the user.
+    udp: Option<(UdpSocket, String)>,
     /// The frames of the last datagram that have not had their turn.
     datagram: VecDeque<Vec<u8>>,
     datagrams_dropped: u32,
@@ -62,25 +63,23 @@ impl Links {
     /// Opens all of them, or says in one line what is in the way.
     pub fn open(
         pty_link: Option<&Path>,
-        tcp: &str,
-        udp: Option<&str>,
+        tcp: Address<'_>,
+        udp: Option<Address<'_>>,
         machine: &dyn Machine,
     ) -> Result<Self, String> {
-        let bind = |address| {
+        let bind = |address: &str| {
             let socket = UdpSocket::bind(address)?;
             socket.set_nonblocking(true)?;
-            Ok(socket)
+            let place = socket.local_addr()?;
+            Ok((socket, place))
         };
-        let door = Door::open("TCP", tcp).map_err(|e| cannot_listen("--tcp", tcp, &e))?;
-        let udp_socket =
-            udp.map(|udp| bind(udp).map_err(|e| cannot_listen("--udp", udp, &e))).transpose()?;
         Ok(Self {
             pty: Pty::open(pty_link)?,
             pty_flow: Flow::new(machine.follower()),
             pty_was_open: false,
-            door,
+            door: Door::open("TCP", tcp)?,
             clients: Vec::new(),
-            udp: udp_socket,
+            udp: udp.map(|udp| udp.listen(bind)).transpose()?,
             datagram: VecDeque::new(),
             datagrams_dropped: 0,
             peers: Vec::new(),
@@ -90,11 +89,8 @@ impl Links {
 
     /// Where they are, for the user.
     pub fn places(&self) -> Vec<String> {
-        let shown = |address: std::io::Result<SocketAddr>| {
-            address.map_or_else(|e| e.to_string(), |address| address.to_string())
-        };
         let mut places = vec![self.pty.place(), format!("TCP {}", self.door.place())];
-        places.extend(self.udp.iter().map(|udp| format!("UDP {}", shown(udp.local_addr()))));
+        places.extend(self.udp.iter().map(|(_, place)| format!("UDP {place}")));
         places
     }
 
@@ -120,7 +116,7 @@ impl Links {
         fds.push(self.door.as_fd());
         if line.backlog() <= BACKLOG {
             if self.datagram.is_empty() {
-                fds.extend(self.udp.as_ref().map(AsFd::as_fd));
+                fds.extend(self.udp.iter().map(|(udp, _)| udp.as_fd()));
             }
             fds.extend(self.clients.iter().filter_map(|client| client.guest.watch()));
             fds.push(self.pty.as_fd());
@@ -172,7 +168,7 @@ impl Links {
             passed += frame.len();
             machine.line().host_sends(&frame);
         }
-        let Some(udp) = self.udp.as_ref().filter(|_| passed == 0) else { return };
+        let Some((udp, _)) = self.udp.as_ref().filter(|_| passed == 0) else { return };
         let mut buffer = [0; LONGEST_DATAGRAM];
         let Ok((count, peer)) = udp.recv_from(&mut buffer) else { return };
         let Some(frames) = machine.follower().whole(&buffer[..count]) else {
@@ -199,7 +195,8 @@ impl Links {
         }
         self.clients
             .retain_mut(|client| client.flow.send(frame, |bytes| client.guest.write(bytes)));
-        for (udp, peer) in self.udp.iter().flat_map(|udp| self.peers.iter().map(move |p| (udp, p)))
+        for (udp, peer) in
+            self.udp.iter().flat_map(|(udp, _)| self.peers.iter().map(move |p| (udp, p)))
         {
             // A datagram that finds no room, or nobody, is lost, as on the radio.
             let _ = udp.send_to(frame, peer);

@@ -1,5 +1,5 @@
 //! What the program asks of a board, whatever its personality: [`Machine`], one file each beside
-//! this one. Links, inspector and display know nothing else.
+//! this one. Links, inspector and status know nothing else.
 
 use embassy_time::Instant;
 use hal_mock::wire::Line;
@@ -20,11 +20,11 @@ pub trait Machine {
     /// Runs until `time`.
     fn run_until(&mut self, time: Instant);
 
-    /// How it is, in a line.
+    /// How it is, in a line that stays the same for as long as nothing happens.
     fn status(&self) -> String;
 
-    /// How it is, in some lines for a terminal.
-    fn panel(&self) -> String;
+    /// What is wrong with it, by name.
+    fn faults(&self) -> Vec<String>;
 
     /// The simulated truth.
     fn state(&self) -> Value;

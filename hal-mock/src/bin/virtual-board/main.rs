@@ -1,8 +1,8 @@
 //! The virtual board: an old controller on this computer, for host programs that know the original.
 //!
-//! It prints where it listens (a pseudo-terminal, TCP, UDP), then a status line a second, until
-//! it is interrupted or `--seconds` are over. Whatever a client does, the board goes on. What is
-//! wrong with the command line is said in one line, with exit code 2.
+//! It prints where it listens (a pseudo-terminal, TCP, UDP), then what changes, until it is
+//! interrupted or `--seconds` are over. Whatever a client does, the board goes on. Exit code 2 is for a
+//! wrong command line, 1 for what else keeps it from running.
 
 mod ax12_bus;
 mod cm5;
@@ -19,6 +19,7 @@ mod servos;
 mod status;
 mod values;
 
+use std::mem::MaybeUninit;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,18 +37,18 @@ use status::Status;
 
 /// A board that is this far behind the wall clock (a machine that slept) does not catch up.
 const FARTHEST_BEHIND: Duration = Duration::from_secs(1);
+
 fn main() -> ExitCode {
-    let options = match Options::parse() {
-        Ok(Some(options)) => options,
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(message) => return refuse(&message),
-    };
+    let options = Options::parse().unwrap_or_else(|error| error.exit());
     printer::start(log_level());
     let result = run(&options);
     printer::finish();
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(message) => refuse(&message),
+        Err(message) => {
+            eprintln!("virtual-board: {message}");
+            ExitCode::FAILURE
+        }
     }
 }
 
@@ -57,16 +58,14 @@ fn log_level() -> log::LevelFilter {
     std::env::var("RUST_LOG").ok().and_then(|l| l.parse().ok()).unwrap_or(log::LevelFilter::Off)
 }
 
-fn refuse(message: &str) -> ExitCode {
-    eprintln!("virtual-board: {message}");
-    ExitCode::from(2)
-}
-
 fn run(options: &Options) -> Result<(), String> {
     let end = options.end()?;
     let stop = Arc::new(AtomicBool::new(false));
     use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
     for signal in [SIGHUP, SIGINT, SIGQUIT, SIGTERM] {
+        if is_ignored(signal) {
+            continue; // by `nohup`, say
+        }
         signal_hook::flag::register(signal, stop.clone())
             .map_err(|e| format!("cannot catch signals: {e}"))?;
     }
@@ -84,7 +83,7 @@ fn run(options: &Options) -> Result<(), String> {
     for place in links.places().into_iter().chain(inspector.as_ref().map(Inspector::place)) {
         say(&format!("  {place}"));
     }
-    let mut status = Status::new(options.headless);
+    let mut status = Status::default();
     let mut start = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         let mut now = start.elapsed();
@@ -114,6 +113,16 @@ fn run(options: &Options) -> Result<(), String> {
     }
     say("bye");
     Ok(())
+}
+
+/// Whether whoever has started the program wants it to ignore a signal.
+fn is_ignored(signal: i32) -> bool {
+    let mut action = MaybeUninit::<libc::sigaction>::uninit();
+    // SAFETY: without a new action it only fills in the present one, which is read if it has.
+    unsafe {
+        libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()) == 0
+            && action.assume_init().sa_sigaction == libc::SIG_IGN
+    }
 }
 
 /// Waits for bytes from somewhere, or for the board's next event.

@@ -1,7 +1,5 @@
 //! The Pioneer Arm as a [`Machine`]: what it shows, tells and lets itself be told.
 
-use std::fmt::Write;
-
 use embassy_time::Instant;
 use firmware::personality::Boot;
 use firmware::personality::pioneer_arm::PioneerArm;
@@ -55,49 +53,18 @@ impl Machine for VirtualBoard<PioneerArm> {
     fn status(&self) -> String {
         let link = self.link();
         let ticks = link.arm.positions.map(|ticks| ticks.to_string()).join(",");
-        let mut text = format!(
+        format!(
             "ticks={ticks} power={} packets={} bad={} refused={} ignored={}",
             if link.arm.powered { "on" } else { "off" },
             link.link.frames_ok,
             link.link.bad_frames,
             link.link.refused,
             link.ignored,
-        );
-        for fault in faults(self) {
-            let _ = write!(text, " {}", fault.to_uppercase());
-        }
-        text
+        )
     }
 
-    fn panel(&self) -> String {
-        let plant = self.plant.borrow();
-        let link = self.link();
-        let mut text = String::new();
-        for i in 0..JOINTS {
-            let pulse = match plant.outputs.servos[i] {
-                Some(pulse) => format!("{:6.0} us", f64::from(pulse.raw()) / 2.25),
-                None => "      off".into(),
-            };
-            let _ = writeln!(
-                text,
-                "joint {} {:3} ticks {} {pulse} at {:4.0}",
-                i + 1,
-                link.arm.positions[i],
-                if link.arm.moving[i] { "moving" } else { "      " },
-                plant.servos[i].position() / 2.25,
-            );
-        }
-        let _ = write!(
-            text,
-            "packets {} bad {} refused {} ignored {} limited {}  {}",
-            link.link.frames_ok,
-            link.link.bad_frames,
-            link.link.refused,
-            link.ignored,
-            link.limited,
-            faults(self).join(" "),
-        );
-        text
+    fn faults(&self) -> Vec<String> {
+        faults(self)
     }
 
     fn state(&self) -> Value {

@@ -23,6 +23,10 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
         None => Default::default(),
         Some(path) => {
             let shown = path.display();
+            // A FIFO would wait for somebody.
+            if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
+                return Err(format!("--scene {shown}: must be a file"));
+            }
             let text =
                 std::fs::read_to_string(path).map_err(|e| format!("--scene {shown}: {e}"))?;
             scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
@@ -63,55 +67,16 @@ impl Machine for VirtualBoard {
         }
         let _ = write!(
             text,
-            " frames={} bad={} acks={} telemetry={} refused={}",
+            " frames={} bad={} refused={}",
             link.frames_ok,
             link.bad_frames,
-            link.acks_sent,
-            link.telemetry_sent,
             self.refused(),
         );
-        if self.snapshot().link_loss {
-            text.push_str(" LINK-LOSS");
-        }
         text
     }
 
-    fn panel(&self) -> String {
-        let plant = self.plant.borrow();
-        let link = self.link();
-        let mut text = String::new();
-        for (i, (motor, output)) in plant.motors.iter().zip(&plant.outputs.motors).enumerate() {
-            let duty = match output.enabled {
-                true => format!("{:+6.1} %", f64::from(output.duty.raw()) / 163.84),
-                false => "     off".into(),
-            };
-            let servo = match plant.outputs.servos[i] {
-                Some(pulse) => format!("{:6.0} us", f64::from(pulse.raw()) / 2.25),
-                None => "      off".into(),
-            };
-            let at = plant.servos[i].position() / 2.25;
-            let _ = writeln!(
-                text,
-                "motor {} {duty} {:9} {:7.0}/s {:5.2} A   servo {} {servo} at {at:4.0}",
-                i + 1,
-                motor.position(),
-                motor.velocity(),
-                motor.current_a(),
-                i + 1,
-            );
-        }
-        let _ = write!(
-            text,
-            "frames {} bad {} refused {}  acks {}  telemetry {}  out {:08b}{}",
-            link.frames_ok,
-            link.bad_frames,
-            self.refused(),
-            link.acks_sent,
-            link.telemetry_sent,
-            plant.outputs.gpio,
-            if self.snapshot().link_loss { "  host silent: LINK LOSS" } else { "" },
-        );
-        text
+    fn faults(&self) -> Vec<String> {
+        faults(&self.snapshot())
     }
 
     fn state(&self) -> Value {

@@ -3,7 +3,7 @@
 
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{Faults, ServoBus};
-use protocol::dynamixel::Register;
+use protocol::dynamixel::{Errors, Register};
 use serde_json::{Map, Value, json};
 
 use crate::values;
@@ -132,16 +132,10 @@ pub fn positions<'a>(servos: impl Iterator<Item = (&'a Ax12, bool)>) -> String {
     positions.collect::<Vec<_>>().join(",")
 }
 
-/// A servo in a line.
-pub fn line(servo: &Ax12, plugged: bool) -> String {
-    format!(
-        "servo {:3} {:4} goal {:4} torque {} {}",
-        servo.id(),
-        servo.get(Register::PRESENT_POSITION),
-        servo.get(Register::GOAL_POSITION),
-        if servo.get(Register::TORQUE_ENABLE) == 1 { " on" } else { "off" },
-        if plugged { servo.errors().to_string() } else { "unplugged".into() },
-    )
+/// What is wrong with servos, by their own account.
+pub fn errors<'a>(servos: impl Iterator<Item = (&'a Ax12, bool)>) -> Vec<String> {
+    let wrong = servos.filter(|(servo, plugged)| *plugged && servo.errors() != Errors::NONE);
+    wrong.map(|(servo, _)| format!("servo {}: {}", servo.id(), servo.errors())).collect()
 }
 
 /// A servo for the inspector.
