@@ -10,10 +10,11 @@ use hal_mock::clock;
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{Faults, Make, ServoBus};
 use hal_mock::wire::Line;
-use protocol::dynamixel::InstructionReceiver;
+use protocol::dynamixel::{Dynamixel, MAX_PACKET, Packet};
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::servos;
 
@@ -70,7 +71,7 @@ impl Machine for Ax12Bus {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(InstructionReceiver::new())
+        Box::new(Frames::<Dynamixel, MAX_PACKET>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -113,3 +114,10 @@ impl Machine for Ax12Bus {
         servos::set(&mut self.bus, &self.ids, &mut self.faults, changes)
     }
 }
+
+/// The packets of a master, for the log.
+const FORMAT: Format = Format {
+    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_PACKET]).ok()?.to_vec()),
+    checksum: (1, 0),
+    remark: |_| None,
+};

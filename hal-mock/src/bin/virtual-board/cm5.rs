@@ -7,11 +7,12 @@ use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{self, Faults};
 use hal_mock::wire::Line;
-use protocol::cm5::Receiver;
+use protocol::cm5::{self, MAX_PACKET, Packet};
 use protocol::dynamixel::Register;
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::servos;
 
@@ -44,7 +45,7 @@ impl Machine for Cm5 {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Receiver::new())
+        Box::new(Frames::<cm5::Cm5, MAX_PACKET>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -160,3 +161,10 @@ fn of_bridge(counters: &BridgeCounters) -> Value {
         },
     })
 }
+
+/// The packets of a PC, for the log.
+const FORMAT: Format = Format {
+    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_PACKET]).ok()?.to_vec()),
+    checksum: (1, 0),
+    remark: |_| None,
+};

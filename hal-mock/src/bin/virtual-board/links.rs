@@ -14,7 +14,8 @@ use hal_mock::wire::Line;
 use serde_json::{Value, json};
 
 use crate::door::{self, Address, Door, Guest, Said};
-use crate::machine::{Follower, Machine};
+use crate::follow::Follower;
+use crate::machine::Machine;
 use crate::pty::Pty;
 
 /// UDP peers at a time.
@@ -220,8 +221,7 @@ impl Client {
 struct Flow {
     /// Follows the client's frames.
     follower: Box<dyn Follower>,
-    /// The beginning of a frame whose rest has not come yet, and since when.
-    held: Vec<u8>,
+    /// When something came last.
     since: Instant,
     /// The end of a frame that the client had no room for.
     unsent: Vec<u8>,
@@ -229,7 +229,7 @@ struct Flow {
 
 impl Flow {
     fn new(follower: Box<dyn Follower>) -> Self {
-        Self { follower, held: Vec::new(), since: Instant::now(), unsent: Vec::new() }
+        Self { follower, since: Instant::now(), unsent: Vec::new() }
     }
 
     /// Passes bytes on, except for an incomplete frame at their end.
@@ -237,20 +237,14 @@ impl Flow {
         if bytes.is_empty() {
             return;
         }
-        self.held.extend(bytes);
         self.since = Instant::now();
-        let pending = self.follower.follow(bytes);
-        let complete = self.held.len().saturating_sub(pending);
-        line.host_sends(&self.held[..complete]);
-        self.held.drain(..complete);
+        line.host_sends(&self.follower.follow(bytes));
     }
 
     /// Passes on the incomplete frame of a client that has paused too long.
     fn pass_held(&mut self, line: &Line) {
-        if !self.held.is_empty() && self.since.elapsed() >= PATIENCE {
-            line.host_sends(&self.held);
-            self.held.clear();
-            self.follower.forget();
+        if self.follower.is_waiting() && self.since.elapsed() >= PATIENCE {
+            line.host_sends(&self.follower.give_up());
         }
     }
 

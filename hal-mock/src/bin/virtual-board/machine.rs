@@ -3,8 +3,9 @@
 
 use embassy_time::Instant;
 use hal_mock::wire::Line;
-use protocol::deframe::{Deframer, Framing};
 use serde_json::{Map, Value};
+
+use crate::follow::Follower;
 
 /// A simulated board on virtual time, with a line to its host.
 pub trait Machine {
@@ -37,38 +38,4 @@ pub trait Machine {
 
     /// Changes the simulated world; an error names the key, and nothing is changed.
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String>;
-}
-
-/// Tells frames apart, so that those of several clients do not mix on the line.
-pub trait Follower {
-    /// Takes what a client has sent; how many bytes at the end belong to a frame whose rest has
-    /// not come yet.
-    fn follow(&mut self, bytes: &[u8]) -> usize;
-
-    /// Forgets the frame whose rest has not come.
-    fn forget(&mut self);
-
-    /// The frames of a fresh stream, if it holds one at least and nothing else.
-    fn whole(&mut self, bytes: &[u8]) -> Option<Vec<Vec<u8>>>;
-}
-
-impl<F: Framing, const N: usize> Follower for Deframer<F, N> {
-    fn follow(&mut self, mut bytes: &[u8]) -> usize {
-        while self.receive(&mut bytes).is_some() {}
-        self.pending()
-    }
-
-    fn forget(&mut self) {
-        *self = Self::new();
-    }
-
-    fn whole(&mut self, mut bytes: &[u8]) -> Option<Vec<Vec<u8>>> {
-        self.forget();
-        let mut frames = Vec::new();
-        while let Some(frame) = self.receive(&mut bytes) {
-            frames.push(frame.to_vec());
-        }
-        let is_whole = self.pending() == 0 && self.reception().bytes_skipped == 0;
-        (is_whole && !frames.is_empty()).then_some(frames)
-    }
 }

@@ -7,6 +7,7 @@
 mod ax12_bus;
 mod cm5;
 mod door;
+mod follow;
 mod inspect;
 mod links;
 mod machine;
@@ -52,10 +53,9 @@ fn main() -> ExitCode {
     }
 }
 
-/// `RUST_LOG=warn` shows why frames are refused; without it the log is off, since a host may send
-/// a thousand bad frames a second.
+/// Warnings, unless `RUST_LOG` says otherwise.
 fn log_level() -> log::LevelFilter {
-    std::env::var("RUST_LOG").ok().and_then(|l| l.parse().ok()).unwrap_or(log::LevelFilter::Off)
+    std::env::var("RUST_LOG").ok().and_then(|l| l.parse().ok()).unwrap_or(log::LevelFilter::Warn)
 }
 
 fn run(options: &Options) -> Result<(), String> {
@@ -109,8 +109,10 @@ fn run(options: &Options) -> Result<(), String> {
             links.send(&frame);
         }
         status.show(machine.as_ref(), &links);
+        printer::tell_the_rest(false);
         wait(&links, inspector.as_ref(), machine.as_ref(), start);
     }
+    printer::tell_the_rest(true);
     say("bye");
     Ok(())
 }

@@ -6,10 +6,11 @@ use firmware::personality::pioneer_arm::PioneerArm;
 use firmware::settings::Settings;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::wire::Line;
-use protocol::arcos::{JOINTS, Receiver};
+use protocol::arcos::{Arcos, JOINTS, MAX_RECEIVED, Packet};
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::pms5005::latched;
 use crate::values::{numbers, that_are_set};
@@ -43,7 +44,7 @@ impl Machine for VirtualBoard<PioneerArm> {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Receiver::new())
+        Box::new(Frames::<Arcos, MAX_RECEIVED>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -151,3 +152,10 @@ fn faults(board: &VirtualBoard<PioneerArm>) -> Vec<String> {
     };
     of_the_arm.map(str::to_owned).into_iter().chain(latched(&board.snapshot())).collect()
 }
+
+/// The packets of a host, for the log.
+const FORMAT: Format = Format {
+    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_RECEIVED]).ok()?.to_vec()),
+    checksum: (2, 0),
+    remark: |_| None,
+};

@@ -9,11 +9,12 @@ use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
 use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{Channel, Receiver};
+use protocol::pms5005::{Channel, Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::values::{list, number, numbers, that_are_set};
 
@@ -47,7 +48,7 @@ impl Machine for VirtualBoard {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Receiver::new())
+        Box::new(Frames::<Framing, MAX_FRAME>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -257,3 +258,14 @@ fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides
     }
     Ok(new)
 }
+
+/// The frames of a host, for the log.
+const FORMAT: Format = Format {
+    sealed: |frame| Some(Frame::parse(frame)?.encode(&mut [0; MAX_FRAME]).ok()?.to_vec()),
+    checksum: (3, 2),
+    remark: |frame| match Frame::parse(frame)?.rid {
+        RID_PMS5005 => None,
+        RID_HOST => Some(format!("a frame of our own, with RID {RID_HOST}, is ignored")),
+        rid => Some(format!("wrong RID: {rid} came, ours is {RID_PMS5005}, the frame is ignored")),
+    },
+};
