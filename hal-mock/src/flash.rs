@@ -30,6 +30,8 @@ pub struct Flash(Rc<RefCell<State>>);
 struct State {
     bytes: Vec<u8>,
     file: Option<File>,
+    /// The file has not taken all that was written.
+    is_behind: bool,
     /// When power will be lost: bytes until then, and whether the next one is half done.
     power: Option<(usize, bool)>,
     erases: u32,
@@ -97,7 +99,7 @@ impl Flash {
     }
 
     fn holding(bytes: Vec<u8>, file: Option<File>) -> Self {
-        Self(Rc::new(RefCell::new(State { bytes, file, power: None, erases: 0 })))
+        Self(Rc::new(RefCell::new(State { bytes, file, is_behind: false, power: None, erases: 0 })))
     }
 
     /// Loses power when so many bytes more have been written or erased; with `torn`, the next one
@@ -147,7 +149,9 @@ impl State {
             *byte = wanted;
             done += 1;
         }
-        self.keep(at, count).map_err(|e| {
+        let kept = self.keep(at, count);
+        self.is_behind = kept.is_err();
+        kept.map_err(|e| {
             log::warn!("settings are not saved: {e}");
             FlashError::File
         })
@@ -160,12 +164,11 @@ impl State {
         if metadata.nlink() == 0 {
             return Err(std::io::Error::other("their file was removed; start the board again"));
         }
-        let changed = if metadata.len() == SIZE as u64 {
-            at..at + count
-        } else {
+        let is_cut_short = metadata.len() != SIZE as u64;
+        if is_cut_short {
             log::warn!("the file with the settings was cut short, and is written anew");
-            0..SIZE
-        };
+        }
+        let changed = if is_cut_short || self.is_behind { 0..SIZE } else { at..at + count };
         file.seek(SeekFrom::Start(changed.start as u64))?;
         file.write_all(&self.bytes[changed])
     }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use program::{Board, PATIENCE, program};
 use protocol::pms5005 as wire;
-use protocol::pms5005::extension::{Action, Request, Verdict};
+use protocol::pms5005::extension::{Action, Assignments, Request, Verdict};
 use protocol::pms5005::{Frame, Receiver};
 
 const FREE_PORTS: [&str; 4] = ["--tcp", "127.0.0.1:0", "--udp", "127.0.0.1:0"];
@@ -31,9 +31,9 @@ fn board(settings: &Path) -> Board {
     Board::spawn(command.env("RUST_LOG", "warn").stderr(Stdio::piped()))
 }
 
-/// Has the board save its settings; what it says to that.
-fn save(stream: &mut TcpStream) -> u8 {
-    let request = wire::Command::Extension(Request::Do(Action::Save));
+/// Asks the board for something; DATA of the answer with this DID.
+fn ask(stream: &mut TcpStream, request: Request, did: u8) -> Vec<u8> {
+    let request = wire::Command::Extension(request);
     stream.write_all(request.encode(0, &mut [0; 300]).unwrap()).unwrap();
     let (mut receiver, mut buffer) = (Receiver::new(), [0; 256]);
     loop {
@@ -41,11 +41,16 @@ fn save(stream: &mut TcpStream) -> u8 {
         let mut bytes = &buffer[..count];
         while let Some(frame) = receiver.receive(&mut bytes) {
             let frame = Frame::parse(frame).unwrap();
-            if frame.did == 101 {
-                return frame.data[2];
+            if frame.did == did {
+                return frame.data.to_vec();
             }
         }
     }
+}
+
+/// Has the board save its settings; what it says to that.
+fn save(stream: &mut TcpStream) -> u8 {
+    ask(stream, Request::Do(Action::Save), 101)[2]
 }
 
 #[test]
@@ -142,4 +147,36 @@ fn a_signal_that_was_ignored_stays_ignored() {
     }
     let (code, text) = board.signal(15);
     assert_eq!((code, text.lines().next_back()), (Some(0), Some("bye")));
+}
+
+/// A limit of the file's size in place of a disk that is full, and then is not.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_disk_that_is_full_fails_saves_until_it_has_room_again() {
+    let file = named("full-for-a-while");
+    drop(board(&file)); // the file is made
+    let mut command = Command::new("sh");
+    let script = r#"trap '' XFSZ; ulimit -S -f 8; exec "$0" "$@""#;
+    command.args(["-c", script, env!("CARGO_BIN_EXE_virtual-board"), "--udp", "127.0.0.1:0"]);
+    command.args(["--settings", file.to_str().unwrap()]).stderr(Stdio::piped());
+    let mut full = Board::spawn(&mut command);
+    let mut host = full.tcp();
+    // A record takes less than a KiB.
+    let saved = (0..20).take_while(|_| save(&mut host) == Verdict::Done.code()).count();
+    assert!((1..20).contains(&saved), "{saved}");
+    let pid = full.pid().to_string();
+    let freed = Command::new("prlimit").args(["--pid", &pid, "--fsize=unlimited"]).status();
+    assert!(freed.unwrap().success());
+    // What the file did not take before, it takes now.
+    let mut data = wire::Data::new();
+    Assignments::emit(1, 1234, &mut data).unwrap();
+    ask(&mut host, Request::Set(Assignments::parse(&data).unwrap()), 101);
+    assert_eq!(save(&mut host), Verdict::Done.code());
+    let log = full.log_after_end();
+    assert!(log.contains("settings are not saved: File too large"), "{log}");
+    drop(full);
+    let board = board(&file);
+    let mut host = board.tcp();
+    assert_eq!(ask(&mut host, Request::Setting(1), 96)[4..8], 1234i32.to_le_bytes());
+    fs::remove_file(&file).unwrap();
 }

@@ -43,7 +43,7 @@ fn a_bad_checksum_a_wrong_rid_and_a_refused_value_are_told_in_words() {
     std::thread::sleep(Duration::from_millis(200));
     let udp = UdpSocket::bind("127.0.0.1:0").unwrap();
     udp.send_to(&bad, board.place("UDP")).unwrap();
-    host.write_all(&wire::Command::GpioOutputs(3).encode(0, &mut [0; 16]).unwrap()).unwrap();
+    host.write_all(wire::Command::GpioOutputs(3).encode(0, &mut [0; 16]).unwrap()).unwrap();
     board.until(|state| state["gpio_out"] == 3);
     let log = board.log_after_end();
     let (came, right) = (format!("{:02x} came", bad[7]), format!("{:02x} is right", good[7]));

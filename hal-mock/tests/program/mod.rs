@@ -115,9 +115,14 @@ impl Board {
         }
     }
 
+    /// Its process.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Sends it a signal, and does not wait.
     pub fn kill(&mut self, signal: i32) {
-        let pid = self.child.id().to_string();
+        let pid = self.pid().to_string();
         Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
     }
 
