@@ -9,7 +9,7 @@ use std::os::unix::fs::symlink;
 use std::time::{Duration, Instant};
 
 use program::{Board, PATIENCE};
-use protocol::pms5005::Command;
+use protocol::pms5005::{Command, LcdFrame};
 use rustix::termios::{
     InputModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflush, tcgetattr,
     tcsetattr,
@@ -25,29 +25,28 @@ fn instruction(id: u8, code: u8, params: &[u8]) -> Vec<u8> {
 #[test]
 fn a_host_that_flushes_its_output_before_each_packet_takes_back_none_that_the_line_has_no_time_for()
 {
-    const FRAMES: u16 = 1000;
-    let board = Board::start(&["--udp", "127.0.0.1:0", "--line-rate", "19200"]);
+    const FRAMES: u64 = 300;
+    let board = Board::start(&["--udp", "127.0.0.1:0", "--line-rate", "57600"]);
     let mut host = board.serial();
-    for n in 0..FRAMES {
+    let columns = [0x55; LcdFrame::COLUMNS];
+    for _ in 0..FRAMES {
         tcflush(&host, QueueSelector::OFlush).unwrap();
-        let mut buffer = [0; 16];
-        host.write_all(Command::GpioOutputs(n as u8).encode(0, &mut buffer).unwrap()).unwrap();
-        // What a host has to do between two packets. Five times faster than the line.
-        std::thread::sleep(Duration::from_millis(1));
+        let mut buffer = [0; 100];
+        let picture = Command::Lcd(LcdFrame { number: 0, columns: &columns });
+        host.write_all(picture.encode(0, &mut buffer).unwrap()).unwrap();
+        // Two and a half times faster than the line.
+        std::thread::sleep(Duration::from_millis(5));
     }
-    // The kernel may be late to pass something on when these machines are busy, and that is lost.
-    let (mut before, start) = (0, Instant::now());
-    while start.elapsed() < PATIENCE {
-        let frames = board.state()["link"]["frames_ok"].as_u64().unwrap();
-        if frames == u64::from(FRAMES) || frames == before && frames > 0 {
-            before = frames;
-            break;
-        }
-        before = frames;
-        std::thread::sleep(Duration::from_millis(500));
+    let start = Instant::now();
+    let frames = || board.state()["link"]["frames_ok"].as_u64().unwrap();
+    let (mut before, mut now) = (0, frames());
+    while now > before && now < FRAMES && start.elapsed() < PATIENCE {
+        std::thread::sleep(Duration::from_secs(1));
+        (before, now) = (now, frames());
     }
-    println!("{before} of {FRAMES}");
-    assert!(before > u64::from(FRAMES) * 9 / 10, "{before} of {FRAMES}");
+    // What the kernel is late to pass on when these machines are busy is lost; without the thread
+    // more than a third is, on any.
+    assert!(now > FRAMES * 8 / 10, "{now} of {FRAMES}");
 }
 
 #[test]
