@@ -160,3 +160,18 @@ pub enum Refused {
     /// This channel has no such sensor.
     NoSuchSensor(Channel),
 }
+
+impl core::fmt::Display for Refused {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let (channel, why) = match self {
+            Self::Axis(channel, AxisRefusal::BeyondScale) => {
+                (channel, "the target lies beyond the sensor's scale")
+            }
+            Self::Axis(channel, AxisRefusal::OtherMethod) => {
+                (channel, "it was set to another method (sub-command 0E)")
+            }
+            Self::NoSuchSensor(channel) => (channel, "it has no such sensor"),
+        };
+        write!(f, "channel {}: {why}", channel.number())
+    }
+}

@@ -1,6 +1,6 @@
 //! The log: `defmt` on the target, `log` on a computer, nothing otherwise.
 //!
-//! Values are formatted with `{}` of `defmt::Format` there and of `Debug` here.
+//! `{}` is `defmt::Format` there and `Display` here, in words; `{:?}` is `Debug` here.
 
 /// Something that a user may want to know when a host misbehaves.
 macro_rules! warning {
@@ -8,20 +8,9 @@ macro_rules! warning {
         #[cfg(feature = "defmt")]
         ::defmt::warn!($text $(, $value)*);
         #[cfg(all(feature = "log", not(feature = "defmt")))]
-        ::log::warn!($text $(, $crate::fmt::Shown(&$value))*);
+        ::log::warn!($text $(, $value)*);
         #[cfg(not(any(feature = "defmt", feature = "log")))]
         let _ = ($(&$value,)*);
     }};
 }
 pub(crate) use warning;
-
-/// Shows a value's `Debug` form for `{}`.
-#[cfg(all(feature = "log", not(feature = "defmt")))]
-pub(crate) struct Shown<'a, T>(pub &'a T);
-
-#[cfg(all(feature = "log", not(feature = "defmt")))]
-impl<T: core::fmt::Debug> core::fmt::Display for Shown<'_, T> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        self.0.fmt(f)
-    }
-}

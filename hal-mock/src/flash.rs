@@ -3,11 +3,13 @@
 //!
 //! Erasing makes a sector all ones, writing only makes zeros of ones, in whole words of 4 bytes.
 //! Power can be lost at any byte of either: what was done before stays, and the byte itself may be
-//! half done. In a file, what a program did before it was killed is there for the next one.
+//! half done. In a file, what a program did before it was killed is there for the next one. A file that
+//! is taken away, or that a full disk does not take, fails a save and nothing else.
 
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::rc::Rc;
 
@@ -28,6 +30,8 @@ pub struct Flash(Rc<RefCell<State>>);
 struct State {
     bytes: Vec<u8>,
     file: Option<File>,
+    /// The file has not taken all that was written.
+    is_behind: bool,
     /// When power will be lost: bytes until then, and whether the next one is half done.
     power: Option<(usize, bool)>,
     erases: u32,
@@ -72,21 +76,21 @@ impl Flash {
     /// In one line, what is wrong with the file.
     pub fn open(path: &Path) -> Result<Self, String> {
         let complain = |e: std::io::Error| e.to_string();
+        // Before it is opened: a FIFO would wait for somebody.
+        if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
+            return Err("must be a file, or not be there".into());
+        }
         let mut options = File::options();
-        let mut file = options
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(complain)?;
+        let options = options.read(true).write(true).create(true).truncate(false);
+        let mut file = options.open(path).map_err(complain)?;
         rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive)
             .map_err(|_| "another board is using it")?;
         let mut bytes = Vec::new();
         (&file).take(SIZE as u64 + 1).read_to_end(&mut bytes).map_err(complain)?;
-        if bytes.is_empty() {
+        // Empty, or what a full disk has left of one that was being made.
+        if bytes.len() < SIZE && bytes.iter().all(|byte| *byte == 0xFF) {
             bytes = vec![0xFF; SIZE];
-            file.write_all(&bytes).map_err(complain)?;
+            file.rewind().and_then(|()| file.write_all(&bytes)).map_err(complain)?;
         }
         if bytes.len() != SIZE {
             return Err(format!("not a board's settings: must be {SIZE} bytes, or not be there"));
@@ -95,7 +99,7 @@ impl Flash {
     }
 
     fn holding(bytes: Vec<u8>, file: Option<File>) -> Self {
-        Self(Rc::new(RefCell::new(State { bytes, file, power: None, erases: 0 })))
+        Self(Rc::new(RefCell::new(State { bytes, file, is_behind: false, power: None, erases: 0 })))
     }
 
     /// Loses power when so many bytes more have been written or erased; with `torn`, the next one
@@ -145,10 +149,28 @@ impl State {
             *byte = wanted;
             done += 1;
         }
+        let kept = self.keep(at, count);
+        self.is_behind = kept.is_err();
+        kept.map_err(|e| {
+            log::warn!("settings are not saved: {e}");
+            FlashError::File
+        })
+    }
+
+    /// Brings the file up to date, if there is one and it is still there.
+    fn keep(&mut self, at: usize, count: usize) -> std::io::Result<()> {
         let Some(file) = &mut self.file else { return Ok(()) };
-        file.seek(SeekFrom::Start(at as u64))
-            .and_then(|_| file.write_all(&self.bytes[at..at + count]))
-            .map_err(|_| FlashError::File)
+        let metadata = file.metadata()?;
+        if metadata.nlink() == 0 {
+            return Err(std::io::Error::other("their file was removed; start the board again"));
+        }
+        let is_cut_short = metadata.len() != SIZE as u64;
+        if is_cut_short {
+            log::warn!("the file with the settings was cut short, and is written anew");
+        }
+        let changed = if is_cut_short || self.is_behind { 0..SIZE } else { at..at + count };
+        file.seek(SeekFrom::Start(changed.start as u64))?;
+        file.write_all(&self.bytes[changed])
     }
 }
 

@@ -37,6 +37,8 @@ struct State {
     has_overrun: bool,
     /// The board's transmitter hangs.
     tx_hangs: bool,
+    /// Nothing gets through.
+    is_cut: bool,
 }
 
 impl Line {
@@ -53,12 +55,16 @@ impl Line {
             reader: None,
             has_overrun: false,
             tx_hangs: false,
+            is_cut: false,
         })))
     }
 
     /// The host sends bytes; they follow those that are still on the line.
     pub fn host_sends(&self, bytes: &[u8]) {
         let mut state = self.0.borrow_mut();
+        if state.is_cut {
+            return;
+        }
         for piece in bytes.chunks(PIECE) {
             let begin = begin(state.to_board_busy);
             state.to_board_busy = begin + state.byte_ns * piece.len() as u64;
@@ -88,6 +94,22 @@ impl Line {
         self.0.borrow_mut().tx_hangs = hangs;
     }
 
+    /// Cuts the line, with what is on its way to the board, or mends it.
+    pub fn cut(&self, is_cut: bool) {
+        let mut state = self.0.borrow_mut();
+        state.is_cut = is_cut;
+        if is_cut {
+            state.to_board.clear();
+            state.pieces.clear();
+            state.to_host.clear();
+        }
+    }
+
+    /// Whether it is cut.
+    pub fn is_cut(&self) -> bool {
+        self.0.borrow().is_cut
+    }
+
     /// Bytes of the host that have not reached the board yet.
     pub fn backlog(&self) -> usize {
         self.0.borrow().to_board.len()
@@ -105,7 +127,7 @@ impl Line {
 
     /// A frame of the board that is at the host now: the board has paced it itself.
     pub fn board_sends(&self, frame: &[u8]) {
-        self.0.borrow_mut().to_host.push_back((Instant::now(), frame.to_vec()));
+        self.0.borrow_mut().arrive(Instant::now(), frame);
     }
 
     /// The board's end.
@@ -170,6 +192,12 @@ impl Read for BoardRx {
 }
 
 impl State {
+    fn arrive(&mut self, at: Instant, frame: &[u8]) {
+        if !self.is_cut {
+            self.to_host.push_back((at, frame.to_vec()));
+        }
+    }
+
     fn take_arrived(&mut self, buffer: &mut [u8]) -> usize {
         let now = Instant::now();
         let mut count = 0;
@@ -210,7 +238,7 @@ impl Write for BoardTx {
             state.to_host_busy
         };
         until(end).await;
-        line.borrow_mut().to_host.push_back((instant(end), frame.to_vec()));
+        line.borrow_mut().arrive(instant(end), frame);
         Ok(frame.len())
     }
 

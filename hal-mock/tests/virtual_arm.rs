@@ -216,7 +216,7 @@ fn settings_are_kept_in_a_file_and_a_dialect_on_the_command_line_goes_before_the
 }
 
 #[test]
-fn options_that_are_not_the_arms_are_refused_in_one_line() {
+fn options_that_are_not_the_arms_are_refused() {
     for (options, names) in [
         (&["--udp", "127.0.0.1:0"][..], "--udp: not for pioneer-arm"),
         (&["--dialect", "klingon"], "manual-b0"),

@@ -9,7 +9,7 @@ use std::net::{TcpStream, UdpSocket};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use program::{Board, PATIENCE, program, refused};
+use program::{Board, PATIENCE, cannot_run, program, refused};
 use protocol::pms5005::extension::{Action, Assignments, Request};
 use protocol::pms5005::{self as wire, Frame, Quantity, Receiver};
 use serde_json::json;
@@ -315,12 +315,12 @@ fn the_serial_device_has_a_link_that_goes_with_the_board() {
     // What is not a board's own link is left alone; a dangling one is replaced.
     std::fs::write(&link, "somebody's file").unwrap();
     let output = ends(&["--pty", link.to_str().unwrap()]);
-    refused(&output, link.to_str().unwrap());
+    cannot_run(&output, link.to_str().unwrap());
     assert_eq!(std::fs::read_to_string(&link).unwrap(), "somebody's file");
     std::fs::remove_file(&link).unwrap();
     let first = pms5005(&["--pty", link.to_str().unwrap()]);
     let output = ends(&["--pty", link.to_str().unwrap()]);
-    refused(&output, link.to_str().unwrap());
+    cannot_run(&output, link.to_str().unwrap());
     assert_eq!(std::fs::read_link(&link).unwrap(), std::path::Path::new(first.place("serial")));
     drop(first); // killed: the link dangles
     assert!(link.is_symlink());
@@ -346,7 +346,7 @@ fn settings_in_a_file_are_there_at_the_next_start_and_after_a_reboot() {
     assert_eq!(await_frame(&mut stream, 101), [7, 0x82, 0, 0, 0]);
 
     // The file is in use; and the link outlives a reboot.
-    refused(&ends(&options), file.to_str().unwrap());
+    cannot_run(&ends(&options), file.to_str().unwrap());
     stream.write_all(&request(Request::Do(Action::Reboot))).unwrap();
     assert_eq!(await_frame(&mut stream, 101), [7, 0x84, 0, 0, 0]);
     board.until(|state| state["link"]["frames_ok"] == 0);
@@ -360,23 +360,60 @@ fn settings_in_a_file_are_there_at_the_next_start_and_after_a_reboot() {
     assert_eq!(await_frame(&mut stream, 96)[4..8], 1234i32.to_le_bytes());
     drop(board);
     std::fs::write(&file, "no settings").unwrap();
-    refused(&ends(&options), "49152 bytes");
+    cannot_run(&ends(&options), "49152 bytes");
     std::fs::remove_file(&file).unwrap();
 }
 
 #[test]
-fn it_ends_after_its_seconds_with_a_status_line_each() {
-    let output = ends(&["--seconds", "2.5", "--headless"]);
+fn it_ends_after_its_seconds_and_says_nothing_while_nothing_happens() {
+    let output = ends(&["--seconds", "2.5"]);
     let text = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(0));
-    let lines = text.lines().filter(|line| line.starts_with("t=")).count();
-    assert_eq!(lines, 2, "{text}");
+    let lines: Vec<_> = text.lines().filter(|line| line.starts_with("t=")).collect();
+    assert!(lines.len() == 1 && lines[0].contains("clients=0"), "{text}");
 }
 
 #[test]
-fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
+fn what_happens_is_said_in_plain_lines_and_a_status_once_a_second_at_the_most() {
+    let board = pms5005(&[]);
+    let mut stream = board.tcp();
+    for n in 0..100 {
+        stream.write_all(&gpio(n)).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    // The host is silent for two seconds, and then is there again.
+    board.until(|state| state["faults"] == json!(["link_loss"]));
+    stream.write_all(&gpio(1)).unwrap();
+    board.until(|state| state["faults"] == json!([]));
+    let (_, text) = board.signal(15);
+    assert!(!text.contains('\x1b'), "{text}");
+    let said = |what: &str| text.lines().filter(|line| line.contains(what)).count();
+    assert_eq!((said("s fault: link_loss"), said("s no longer: link_loss")), (1, 1), "{text}");
+    assert!((3..=6).contains(&said("clients=")), "{text}");
+}
+
+#[test]
+fn help_begins_with_what_the_program_does_and_the_version_is_its_own() {
+    let said = |option| {
+        let output = program(&[option]).output().unwrap();
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let help = said("--help");
+    assert!(help.starts_with("A simulated motion and sensing controller"), "{help}");
+    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    for limit in ["1 to 253", "0 to 1000000", "9600 or more", "Exit codes"] {
+        assert!(help.contains(limit), "{limit}: {help}");
+    }
+    assert!(!help.contains("headless"));
+    assert!(said("--version").starts_with("virtual-board "));
+}
+
+#[test]
+fn what_is_wrong_with_the_command_line_is_named_with_a_tip() {
     for (options, names) in [
         (&["--bogus"][..], "--bogus"),
+        (&["--setings", "x"], "'--settings'"),
         (&["cm6"], "[possible values: pms5005, pioneer-arm"),
         (&["--line-rate", "fast"], "--line-rate"),
         (&["--seconds", "-1"], "--seconds -1"),
@@ -384,22 +421,50 @@ fn what_is_wrong_with_the_command_line_is_named_in_one_line() {
         (&["--seconds", "nan"], "--seconds"),
         (&["--seconds", "1e300"], "seconds from 0 to 1e9"),
         (&["--inspect", "0.0.0.0:0"], "--inspect 0.0.0.0:0"),
-        (&["--scene", "/no/such.toml"], "/no/such.toml"),
-        (&["--settings", "/no/such/file"], "/no/such/file"),
+        (&["--inspect", "nowhere"], "--inspect nowhere: expected an address and a port"),
         (&["--pty"], "--pty"),
     ] {
         refused(&ends(options), names);
+        refused(&ends(options), "For more information, try '--help'");
     }
-    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap().to_string();
-    let output = program(&["--udp", "127.0.0.1:0", "--tcp", &address]).output().unwrap();
-    refused(&output, &address);
-    refused(&output, "port 0 takes a free one");
     let output = program(&["--tcp", "nowhere"]).output().unwrap();
     refused(&output, "as 127.0.0.1:5005");
+}
 
+#[test]
+fn what_keeps_it_from_running_is_named_in_one_line() {
+    for (options, names) in [
+        (&["--scene", "/no/such.toml"][..], "/no/such.toml"),
+        (&["--settings", "/no/such/file"], "/no/such/file"),
+    ] {
+        cannot_run(&ends(options), names);
+    }
     let scene = std::env::temp_dir().join(format!("scene-{}.toml", std::process::id()));
     std::fs::write(&scene, "[motor.0]\ngearbox = 3").unwrap();
-    refused(&ends(&["--scene", scene.to_str().unwrap()]), "gearbox");
+    cannot_run(&ends(&["--scene", scene.to_str().unwrap()]), "gearbox");
     std::fs::remove_file(&scene).unwrap();
+}
+
+#[test]
+fn a_port_that_was_asked_for_and_is_in_use_is_an_error_and_a_default_one_is_not() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    for option in ["--tcp", "--inspect"] {
+        let free = ["--udp", "127.0.0.1:0", option, &address];
+        let output = program(&free).output().unwrap();
+        cannot_run(&output, &format!("{option} {address}"));
+        cannot_run(&output, "port 0 takes a free one");
+    }
+    // Whoever else has the defaults: two boards cannot both.
+    let two = [(); 2].map(|()| {
+        let child = program(&["--seconds", "3"]).stdout(Stdio::piped()).spawn();
+        std::thread::sleep(Duration::from_millis(500));
+        child.unwrap()
+    });
+    let [_, second] = two.map(|child| child.wait_with_output().unwrap());
+    assert_eq!(second.status.code(), Some(0));
+    let text = String::from_utf8(second.stdout).unwrap();
+    for place in ["127.0.0.1:5005 is in use", "127.0.0.1:10001 is in use"] {
+        assert!(text.contains(place), "{text}");
+    }
 }

@@ -264,7 +264,7 @@ impl Controller {
         if !self.faults.trip(FaultRecord { fault, channel, uptime_ms, values }) {
             return;
         }
-        warning!("fault: {}", fault);
+        warning!("fault: {:?}", fault);
         let latched = self.faults.latched();
         for channel in Channel::ALL {
             if latched.stops_motor(channel) {

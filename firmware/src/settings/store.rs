@@ -6,7 +6,8 @@
 //!
 //! Promises, whenever power is lost (`hal-mock`'s tests try every byte of a save and of an erase):
 //! - the next boot has what was saved before or what was being saved, whole;
-//! - flash that is empty, torn or foreign means defaults, and [`Origin`] says which it was;
+//! - flash that holds nothing, or no more than the beginning of a first record, means defaults;
+//!   flash that is damaged or foreign means defaults too, and [`Origin`] says so;
 //! - a save erases one sector at the most, and none in all but one of some dozens of saves: a
 //!   record is appended to its sector, and the next sector was erased when this one was begun. Only
 //!   damaged flash takes more.
@@ -41,6 +42,13 @@ const KEY: u8 = 0;
 
 const _: () = assert!(HEADER.len() + ENTRY * COUNT < RECORD);
 
+/// What the map puts before a record: the sector's mark, the item's header (CRC-32, length, CRC-16),
+/// the key.
+const MARK: usize = 4;
+const BEFORE: usize = MARK + 8 + 1;
+/// Where the first record ends, in whole words.
+const FIRST_END: usize = (BEFORE + HEADER.len() + ENTRY * COUNT).next_multiple_of(4);
+
 /// Why settings were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SaveFailed;
@@ -60,10 +68,10 @@ impl<F: NorFlash> Store<F> {
     /// What was saved last, and whether that is what it is. It may finish an erase that was
     /// interrupted, and calls `feed` before each that it begins.
     pub fn load(&mut self, mut feed: impl FnMut()) -> (Settings, Origin) {
-        let was_empty = self.is_empty();
+        let never_saved = self.written() != Written::More;
         match self.stored(&mut feed) {
             Some(settings) => (settings, Origin::Stored),
-            None if was_empty => (Settings::DEFAULT, Origin::Defaults),
+            None if never_saved => (Settings::DEFAULT, Origin::Defaults),
             None => {
                 warning!("the stored settings are damaged: defaults");
                 (Settings::DEFAULT, Origin::Corrupt)
@@ -76,19 +84,21 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`SaveFailed`]: the flash does not take them.
     pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
+        // Begun anew, so that the next one is a first record again if it is torn too.
+        if self.written() == Written::Begun {
+            self.erase(
+                self.range.start..self.range.start.saturating_add(F::ERASE_SIZE as u32),
+                &mut feed,
+            );
+        }
         // In damaged flash the first try may only mend the map.
         if self.append(settings, &mut feed) || self.append(settings, &mut feed) {
             return Ok(());
         }
         // Nothing readable is lost: while there was a record, the map took another one.
         if self.stored(&mut feed).is_none() {
-            let (start, end) = (self.range.start, self.range.end);
-            let erased = block_on(asynchronous::NorFlash::erase(
-                &mut Fed { flash: &mut self.flash, feed: &mut feed },
-                start,
-                end,
-            ));
-            if erased.is_ok() && self.append(settings, &mut feed) {
+            let erased = self.erase(self.range.clone(), &mut feed);
+            if erased && self.append(settings, &mut feed) {
                 return Ok(());
             }
         }
@@ -118,18 +128,63 @@ impl<F: NorFlash> Store<F> {
         block_on(map.fetch_item(buffer, &KEY)).ok()?
     }
 
-    fn is_empty(&mut self) -> bool {
-        let mut buffer = [0; 64];
-        let mut at = self.range.start;
-        while at < self.range.end {
-            let read = self.flash.read(at, &mut buffer);
-            if read.is_err() || buffer.iter().any(|&byte| byte != 0xFF) {
-                return false;
-            }
-            at = at.saturating_add(buffer.len() as u32);
-        }
-        true
+    /// Whether these sectors were erased.
+    fn erase(&mut self, Range { start, end }: Range<u32>, feed: Feed<'_>) -> bool {
+        let mut flash = Fed { flash: &mut self.flash, feed };
+        block_on(asynchronous::NorFlash::erase(&mut flash, start, end)).is_ok()
     }
+
+    /// What was ever written, whether or not it can be read.
+    fn written(&mut self) -> Written {
+        let mut record = [0; RECORD];
+        let Some(record) = write(&Settings::DEFAULT, &mut record) else { return Written::More };
+        let mut written = Written::Nothing;
+        let mut buffer = [0; 64];
+        for begin in self.range.clone().step_by(buffer.len()) {
+            if self.flash.read(begin, &mut buffer).is_err() {
+                return Written::More;
+            }
+            let first = begin.saturating_sub(self.range.start) as usize;
+            for (at, byte) in (first..).zip(buffer).filter(|(_, byte)| *byte != 0xFF) {
+                if !may_be_begun(record, at, byte) {
+                    return Written::More;
+                }
+                written = Written::Begun;
+            }
+        }
+        written
+    }
+}
+
+/// What was ever written into the flash.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Written {
+    Nothing,
+    /// The beginning of a first record, and never its end.
+    Begun,
+    /// A record, or what is none.
+    More,
+}
+
+/// Whether a byte at this place of the flash may be left of a first record that was begun and torn,
+/// or of that one's erase. The place must not be the record's last, which is zero in all of them.
+/// `record` is any record.
+fn may_be_begun(record: &[u8], at: usize, byte: u8) -> bool {
+    // The CRCs are not known, the values may be any.
+    let expected = match at.checked_sub(BEFORE) {
+        None => match at {
+            ..MARK => Some(0),
+            8 | 9 => (record.len().saturating_add(1) as u16).to_le_bytes().get(at & 1).copied(),
+            12 => Some(KEY),
+            _ => None,
+        },
+        Some(at) => match at.checked_sub(HEADER.len()) {
+            Some(entries) if entries % ENTRY >= 2 => None,
+            _ => record.get(at).copied(),
+        },
+    };
+    // A byte that is half written has ones in place of zeros.
+    at < FIRST_END.saturating_sub(1) && expected.is_none_or(|expected| byte & expected == expected)
 }
 
 /// The map. It remembers where the record is for as long as a call lasts: without that a save which
@@ -233,7 +288,11 @@ mod tests {
     fn a_record_reads_back_as_it_was_written() {
         for settings in [Settings::DEFAULT, unlike_the_defaults()] {
             let mut buffer = [0; RECORD];
-            assert_eq!(read(write(&settings, &mut buffer).unwrap()), Some(settings));
+            let record = write(&settings, &mut buffer).unwrap();
+            assert_eq!(read(record), Some(settings));
+            // What tells a whole record from one that is torn.
+            let is_padded = !(BEFORE + record.len()).is_multiple_of(4);
+            assert!(is_padded || record.last() == Some(&0));
         }
     }
 

@@ -28,12 +28,16 @@ pub const STEP_S: f32 = 0.001;
 
 /// What a user has put in place of the simulation. `None` is the simulation's own.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "std", derive(serde::Serialize))]
 pub struct Overrides {
     /// Potentiometers, A/D counts.
+    #[cfg_attr(feature = "std", serde(rename = "pot"))]
     pub potentiometers: [Option<u16>; 6],
     /// Encoders' counters; one that does not change is one that is unplugged.
+    #[cfg_attr(feature = "std", serde(rename = "encoder"))]
     pub encoders: [Option<u16>; 2],
     /// Motor currents, A/D counts.
+    #[cfg_attr(feature = "std", serde(rename = "motor_current"))]
     pub currents: [Option<u16>; 6],
     /// Custom A/D channels, A/D counts.
     pub custom_ad: [Option<u16>; 8],
@@ -60,6 +64,7 @@ pub struct Overrides {
     /// Blocked shafts.
     pub jam: [Option<bool>; 6],
     /// The display's bus hangs: nothing is shown any more.
+    #[cfg_attr(feature = "std", serde(skip))]
     pub lcd_hangs: bool,
 }
 

@@ -41,7 +41,7 @@ impl Board {
 
     /// As [`start`](Self::start), of a command made otherwise.
     pub fn spawn(command: &mut Command) -> Self {
-        command.args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0", "--headless"]);
+        command.args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0"]);
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let out = BufReader::new(child.stdout.take().unwrap());
         let mut board = Self { child, out, title: String::new(), places: HashMap::new() };
@@ -115,10 +115,28 @@ impl Board {
         }
     }
 
+    /// Its process.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Sends it a signal, and does not wait.
+    pub fn kill(&mut self, signal: i32) {
+        let pid = self.pid().to_string();
+        Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
+    }
+
+    /// Ends it; what it wrote to standard error, which must be a pipe.
+    pub fn log_after_end(&mut self) -> String {
+        self.kill(15);
+        let mut text = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+        text
+    }
+
     /// Sends a signal; the exit code and what was printed since.
     pub fn signal(mut self, signal: i32) -> (Option<i32>, String) {
-        let pid = self.child.id().to_string();
-        Command::new("kill").args([format!("-{signal}"), pid]).status().unwrap();
+        self.kill(signal);
         let mut text = String::new();
         self.out.read_to_string(&mut text).unwrap();
         (self.child.wait().unwrap().code(), text)
@@ -133,11 +151,23 @@ impl Drop for Board {
     }
 }
 
-/// It has ended with one line that names what is wrong, and said nothing else.
+/// The command line was refused, with words that name what is wrong, and nothing else was said.
 #[track_caller]
 pub fn refused(output: &Output, names: &str) {
+    has_ended(output, 2, names);
+}
+
+/// It has ended with one line that names what keeps it from running, and said nothing else.
+#[track_caller]
+pub fn cannot_run(output: &Output, names: &str) {
+    has_ended(output, 1, names);
+    assert_eq!(output.stderr.iter().filter(|byte| **byte == b'\n').count(), 1);
+}
+
+#[track_caller]
+fn has_ended(output: &Output, code: i32, names: &str) {
     let error = String::from_utf8(output.stderr.clone()).unwrap();
-    assert_eq!(output.status.code(), Some(2), "{error}");
-    assert!(error.lines().count() == 1 && error.contains(names), "{names}: {error}");
+    assert_eq!(output.status.code(), Some(code), "{error}");
+    assert!(error.contains(names), "{names}: {error}");
     assert!(output.stdout.is_empty());
 }

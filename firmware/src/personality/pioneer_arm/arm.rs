@@ -53,6 +53,18 @@ pub(super) enum Ignored {
     NoPower,
 }
 
+impl core::fmt::Display for Ignored {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Resetting => "a reset is under way",
+            Self::NotConnected => "no arm is connected",
+            Self::NeedsInit => "the arm needs INIT",
+            Self::Fault => "a fault of the board keeps the servos off, then the arm needs INIT",
+            Self::NoPower => "the servos have no power",
+        })
+    }
+}
+
 /// Servo power.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Power {

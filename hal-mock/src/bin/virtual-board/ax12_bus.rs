@@ -10,10 +10,11 @@ use hal_mock::clock;
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{Faults, Make, ServoBus};
 use hal_mock::wire::Line;
-use protocol::dynamixel::InstructionReceiver;
+use protocol::dynamixel::{Dynamixel, MAX_PACKET, Packet};
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::servos;
 
@@ -30,11 +31,7 @@ struct Ax12Bus {
 
 /// The bus that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let ids = servos::ids(&options.servos, 0)?;
-    let faults = servos::faults(&options.bus_faults)?;
-    if options.line_rate() == 0 {
-        return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());
-    }
+    let (ids, faults) = (options.servos()?, options.bus_faults()?);
     clock::reset();
     let (baud, seed) = (options.line_rate(), options.seed);
     let make = Make { baud, echo: false, faults, seed, ..Make::default() };
@@ -74,7 +71,7 @@ impl Machine for Ax12Bus {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(InstructionReceiver::new())
+        Box::new(Frames::<Dynamixel, MAX_PACKET>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -96,9 +93,8 @@ impl Machine for Ax12Bus {
         format!("positions={}", servos::positions(self.bus.servos()))
     }
 
-    fn panel(&self) -> String {
-        let lines = self.bus.servos().map(|(servo, plugged)| servos::line(servo, plugged));
-        lines.collect::<Vec<_>>().join("\n")
+    fn faults(&self) -> Vec<String> {
+        servos::errors(self.bus.servos())
     }
 
     fn state(&self) -> Value {
@@ -106,7 +102,22 @@ impl Machine for Ax12Bus {
         json!({ "t_ms": Instant::now().as_millis(), "servos": servos.collect::<Vec<_>>() })
     }
 
+    fn settable(&self) -> &'static [&'static str] {
+        &servos::SETTABLE
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        servos::overridden(&self.bus, &self.ids, &self.faults)
+    }
+
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
         servos::set(&mut self.bus, &self.ids, &mut self.faults, changes)
     }
 }
+
+/// The packets of a master, for the log.
+const FORMAT: Format = Format {
+    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_PACKET]).ok()?.to_vec()),
+    checksum: (1, 0),
+    remark: |_| None,
+};

@@ -7,11 +7,12 @@ use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{self, Faults};
 use hal_mock::wire::Line;
-use protocol::cm5::Receiver;
+use protocol::cm5::{self, MAX_PACKET, Packet};
 use protocol::dynamixel::Register;
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::servos;
 
@@ -24,9 +25,7 @@ struct Cm5 {
 
 /// The CM-5 that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    // A CM-5 searches no others.
-    let ids = servos::ids(&options.servos, 1)?;
-    let faults = servos::faults(&options.bus_faults)?;
+    let (ids, faults) = (options.servos()?, options.bus_faults()?);
     let board = Cm5Board::new(Make {
         servos: ids.iter().copied().map(Ax12::new).collect(),
         bus: servo_bus::Make { faults, seed: options.seed, ..servo_bus::Make::default() },
@@ -52,7 +51,7 @@ impl Machine for Cm5 {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Receiver::new())
+        Box::new(Frames::<cm5::Cm5, MAX_PACKET>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -61,42 +60,25 @@ impl Machine for Cm5 {
 
     fn status(&self) -> String {
         let bridge = self.board.bridge();
-        let BridgeCounters { cycles, pc, .. } = bridge.counters();
+        let BridgeCounters { pc, .. } = bridge.counters();
         let (answering, known) = (bridge.servos().filter(answers).count(), bridge.servos().count());
         format!(
-            "servos={answering}/{known} cycles={cycles} goals={} reports={} refused={} positions={}{}",
+            "servos={answering}/{known} goals={} refused={} positions={}",
             pc.goals,
-            pc.reports_sent,
             pc.refused,
             servos::positions(self.board.bus.bus().servos()),
-            if bridge.pc_is_silent() { " PC-SILENT" } else { "" },
         )
     }
 
-    fn panel(&self) -> String {
+    fn faults(&self) -> Vec<String> {
         let bridge = self.board.bridge();
-        let bus = self.board.bus.bus();
-        let lines = bus.servos().map(|(servo, plugged)| {
-            let known = bridge.servos().find(|known| known.id.number() == servo.id());
-            let role = match known {
-                None => "not found",
-                Some(known) if known.is_missing() => "missing",
-                Some(known) if !known.is_agreed() => "not agreed",
-                Some(_) => "at work",
-            };
-            format!("{}  {role}", servos::line(servo, plugged))
-        });
-        let BridgeCounters { cycles, pc, .. } = bridge.counters();
-        let mut lines: Vec<_> = lines.collect();
-        lines.push(format!(
-            "cycles {cycles}  hellos {}  goals {}  reports {}  refused {}{}",
-            pc.hellos_sent,
-            pc.goals,
-            pc.reports_sent,
-            pc.refused,
-            if bridge.pc_is_silent() { "  PC silent" } else { "" },
-        ));
-        lines.join("\n")
+        let mut faults = servos::errors(self.board.bus.bus().servos());
+        let missing = bridge.servos().filter(|servo| servo.is_missing());
+        faults.extend(missing.map(|servo| format!("servo {} missing", servo.id.number())));
+        if bridge.pc_is_silent() {
+            faults.push("PC silent".into());
+        }
+        faults
     }
 
     fn state(&self) -> Value {
@@ -120,6 +102,14 @@ impl Machine for Cm5 {
             "pc_silent": bridge.pc_is_silent(),
             "bridge": of_bridge(&bridge.counters()),
         })
+    }
+
+    fn settable(&self) -> &'static [&'static str] {
+        &servos::SETTABLE
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        servos::overridden(&self.board.bus.bus(), &self.ids, &self.faults)
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
@@ -177,3 +167,10 @@ fn of_bridge(counters: &BridgeCounters) -> Value {
         },
     })
 }
+
+/// The packets of a PC, for the log.
+const FORMAT: Format = Format {
+    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_PACKET]).ok()?.to_vec()),
+    checksum: (1, 0),
+    remark: |_| None,
+};

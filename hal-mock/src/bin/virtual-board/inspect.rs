@@ -1,125 +1,185 @@
 //! The window onto the simulated truth: one JSON object a line each way, loopback only.
 //!
 //! `{"get":"state"}` answers the state; `{"set":{...}}` changes the simulated world and answers
-//! `{"ok":true}`, or `{"error":"..."}` with nothing changed.
+//! `{"ok":true}`, or `{"error":"..."}` with nothing changed. The board comes first: one question of
+//! all clients' is answered a turn, and one of a client that has read its last answer.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd, BorrowedFd};
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
-use crate::links::cannot_listen;
+use crate::door::{Address, Door, Guest, Said};
+use crate::links::Links;
 use crate::machine::Machine;
 
-/// Clients at a time, the longest line of one, and what may wait for one that does not read.
-const MOST_CLIENTS: usize = 16;
+/// The longest question.
 const LONGEST_LINE: usize = 1 << 16;
-const LONGEST_ANSWER: usize = 1 << 20;
+/// The key for the host's link, which every board has.
+const LINK: &str = "link";
 
 /// The window.
 pub struct Inspector {
-    listener: TcpListener,
+    door: Door,
     clients: Vec<Client>,
+    /// The client that is asked first.
+    turn: usize,
 }
 
 struct Client {
-    stream: TcpStream,
+    guest: Guest,
     question: Vec<u8>,
     answer: Vec<u8>,
+    /// It has asked all it has to ask.
+    has_ended: bool,
+}
+
+impl AsRef<Guest> for Client {
+    fn as_ref(&self) -> &Guest {
+        &self.guest
+    }
 }
 
 impl Inspector {
     /// Opens the window, or says in one line why not.
     pub fn open(address: &str) -> Result<Self, String> {
-        let complain = |e| cannot_listen("--inspect", address, &e);
-        let addresses = address.to_socket_addrs().map_err(complain);
-        if !addresses?.all(|address| address.ip().is_loopback()) {
-            return Err(format!("--inspect {address}: only a loopback address will do"));
-        }
-        let listener = TcpListener::bind(address).map_err(complain)?;
-        listener.set_nonblocking(true).map_err(complain)?;
-        Ok(Self { listener, clients: Vec::new() })
+        let address = Address::new("--inspect", Some(address), address);
+        Ok(Self { door: Door::open("inspector's", address)?, clients: Vec::new(), turn: 0 })
     }
 
     /// Where it is, for the user.
     pub fn place(&self) -> String {
-        let address = self.listener.local_addr();
-        format!("inspect {}", address.map_or_else(|e| e.to_string(), |a| a.to_string()))
+        format!("inspect {}", self.door.place())
     }
 
     /// What can bring questions, to wait for.
     pub fn watch<'a>(&'a self, fds: &mut Vec<BorrowedFd<'a>>) {
-        fds.push(self.listener.as_fd());
-        fds.extend(self.clients.iter().map(|client| client.stream.as_fd()));
+        fds.push(self.door.as_fd());
+        let reading = self.clients.iter().filter(|client| client.answer.is_empty());
+        fds.extend(reading.filter_map(|client| client.guest.watch()));
     }
 
-    /// Answers what has been asked, without waiting for anybody.
-    pub fn serve(&mut self, machine: &mut dyn Machine) {
-        while let Ok((stream, _)) = self.listener.accept() {
-            if self.clients.len() < MOST_CLIENTS && stream.set_nonblocking(true).is_ok() {
-                let _ = stream.set_nodelay(true);
-                self.clients.push(Client { stream, question: Vec::new(), answer: Vec::new() });
+    /// Answers a question, without waiting for anybody.
+    pub fn serve(&mut self, machine: &mut dyn Machine, links: &Links) {
+        self.door.admit(&mut self.clients, |guest| Client {
+            guest,
+            question: Vec::new(),
+            answer: Vec::new(),
+            has_ended: false,
+        });
+        self.clients.retain_mut(Client::listen);
+        let count = self.clients.len();
+        for place in (0..count).map(|k| (self.turn + k) % count) {
+            let client = &mut self.clients[place];
+            if let Some(question) = client.next_question() {
+                client.answer = answer(&question, machine, links).into_bytes();
+                client.answer.push(b'\n');
+                self.turn = place + 1;
+                break;
             }
         }
-        self.clients.retain_mut(|client| client.serve(machine));
     }
 }
 
 impl Client {
-    /// Whether the client is still there.
-    fn serve(&mut self, machine: &mut dyn Machine) -> bool {
-        let mut buffer = [0; 4096];
-        match self.stream.read(&mut buffer) {
-            Ok(0) => return false,
-            Ok(count) => self.question.extend(&buffer[..count]),
-            Err(e) if would_block(&e) => {}
-            Err(_) => return false,
-        }
-        while let Some(end) = self.question.iter().position(|&byte| byte == b'\n') {
-            let line: Vec<u8> = self.question.drain(..=end).collect();
-            if !line.trim_ascii().is_empty() {
-                let answer = answer(&line, machine);
-                self.answer.extend(answer.as_bytes());
-                self.answer.push(b'\n');
-            }
-        }
+    /// Hands over the last answer, and then hears the next question. Whether the client is still
+    /// there.
+    fn listen(&mut self) -> bool {
         if !self.answer.is_empty() {
-            match self.stream.write(&self.answer) {
-                Ok(count) => drop(self.answer.drain(..count)),
-                Err(e) if would_block(&e) => {}
-                Err(_) => return false,
+            let Some(count) = self.guest.write(&self.answer) else { return false };
+            self.answer.drain(..count);
+        }
+        if !self.answer.is_empty() || self.question.contains(&b'\n') {
+            return true;
+        }
+        if self.has_ended {
+            return !self.question.is_empty();
+        }
+        let mut buffer = [0; 4096];
+        match self.guest.read(&mut buffer) {
+            Said::Bytes(count) => self.question.extend(&buffer[..count]),
+            Said::Nothing => {}
+            Said::End => self.has_ended = true,
+            Said::Gone => return false,
+        }
+        true
+    }
+
+    /// A whole question of a client that has its last answer. The last one may have no end.
+    fn next_question(&mut self) -> Option<Vec<u8>> {
+        if !self.answer.is_empty() {
+            return None;
+        }
+        loop {
+            let line = self.question.iter().position(|&byte| byte == b'\n');
+            let end = match line {
+                Some(end) => end + 1,
+                None if self.question.len() > LONGEST_LINE => {
+                    self.has_ended = true;
+                    self.question.len()
+                }
+                None if self.has_ended && !self.question.is_empty() => self.question.len(),
+                None => return None,
+            };
+            let question: Vec<u8> = self.question.drain(..end).collect();
+            if end > LONGEST_LINE || !question.trim_ascii().is_empty() {
+                return Some(question);
             }
         }
-        self.question.len() <= LONGEST_LINE && self.answer.len() <= LONGEST_ANSWER
     }
 }
 
-fn would_block(error: &std::io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
-}
-
-fn answer(line: &[u8], machine: &mut dyn Machine) -> String {
-    let result = serde_json::from_slice::<Value>(line)
-        .map_err(|e| format!("not a JSON object: {e}"))
-        .and_then(|question| ask(&question, machine));
+fn answer(line: &[u8], machine: &mut dyn Machine, links: &Links) -> String {
+    let result = if line.len() > LONGEST_LINE {
+        Err(format!("a question is {LONGEST_LINE} bytes long at the most"))
+    } else {
+        serde_json::from_slice::<Value>(line)
+            .map_err(|e| format!("not a JSON object: {e}"))
+            .and_then(|question| ask(&question, machine, links))
+    };
     match result {
-        Ok(answer) => answer,
+        Ok(answer) => answer.to_string(),
         Err(error) => json!({ "error": error }).to_string(),
     }
 }
 
-fn ask(question: &Value, machine: &mut dyn Machine) -> Result<String, String> {
+fn ask(question: &Value, machine: &mut dyn Machine, links: &Links) -> Result<Value, String> {
     let wanted = "expected {\"get\":\"state\"} or {\"set\":{...}}";
     let object = question.as_object().filter(|object| object.len() == 1).ok_or(wanted)?;
     match object.iter().next() {
         Some((key, Value::String(what))) if key == "get" && what == "state" => {
-            Ok(machine.state().to_string())
+            let mut state = machine.state();
+            let mut overridden = machine.overridden();
+            if machine.line().is_cut() {
+                overridden.insert(LINK.into(), false.into());
+            }
+            state["overridden"] = overridden.into();
+            state["host"] = links.state();
+            Ok(state)
         }
         Some((key, Value::Object(changes))) if key == "set" => {
-            machine.set(changes)?;
-            Ok(json!({ "ok": true }).to_string())
+            set(changes.clone(), machine)?;
+            Ok(json!({ "ok": true }))
         }
         _ => Err(wanted.into()),
     }
+}
+
+/// Sets what every board has, and leaves the rest to this one.
+fn set(mut changes: Map<String, Value>, machine: &mut dyn Machine) -> Result<(), String> {
+    let names = machine.settable();
+    if let Some(key) = changes.keys().find(|key| *key != LINK && !names.contains(&key.as_str())) {
+        let names = names.join(", ");
+        return Err(format!("{key}: nothing of this name can be set; there are {names}, {LINK}"));
+    }
+    let is_whole = match changes.remove(LINK) {
+        None => None,
+        Some(Value::Null) => Some(true),
+        Some(Value::Bool(is_whole)) => Some(is_whole),
+        Some(_) => return Err(format!("{LINK}: expected true, false, or null")),
+    };
+    machine.set(&changes)?;
+    if let Some(is_whole) = is_whole {
+        machine.line().cut(!is_whole);
+    }
+    Ok(())
 }

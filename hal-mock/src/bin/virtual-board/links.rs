@@ -4,20 +4,25 @@
 //! board sends goes to all. Nothing here waits for a client: one that does not read misses whole
 //! frames, one that vanishes is forgotten.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::collections::VecDeque;
+use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use hal_mock::wire::Line;
 use rustix::net::sockopt::set_socket_send_buffer_size;
+use serde_json::{Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::door::{self, Address, Door, Guest, Said};
+use crate::follow::Follower;
+use crate::machine::Machine;
 use crate::pty::Pty;
 
-/// TCP clients, and UDP peers, at a time.
-const MOST_CLIENTS: usize = 16;
+/// UDP peers at a time.
+const MOST_PEERS: usize = door::MOST;
+/// The longest datagram that there is.
+const LONGEST_DATAGRAM: usize = 65_535;
 /// Bytes on the line from which on clients have to wait with theirs: 89 ms at 115200 baud.
 const BACKLOG: usize = 1024;
 /// Bytes that a client may put onto the line before it is another one's turn.
@@ -30,43 +35,55 @@ pub struct Links {
     pty: Pty,
     pty_flow: Flow,
     pty_was_open: bool,
-    listener: TcpListener,
-    clients: Vec<(TcpStream, Flow)>,
-    udp: Option<UdpSocket>,
+    door: Door,
+    clients: Vec<Client>,
+    /// With where it is, for the user.
+    udp: Option<(UdpSocket, String)>,
+    /// The frames of the last datagram that have not had their turn.
+    datagram: VecDeque<Vec<u8>>,
+    datagrams_dropped: u32,
     /// Who has sent us a datagram, the latest last.
     peers: Vec<SocketAddr>,
     /// Whose turn on the line it is: 0 the pseudo-terminal, 1 UDP, then the TCP clients.
     turn: usize,
 }
 
+/// A TCP client.
+struct Client {
+    guest: Guest,
+    flow: Flow,
+    is_there: bool,
+}
+
+impl AsRef<Guest> for Client {
+    fn as_ref(&self) -> &Guest {
+        &self.guest
+    }
+}
+
 impl Links {
     /// Opens all of them, or says in one line what is in the way.
     pub fn open(
         pty_link: Option<&Path>,
-        tcp: &str,
-        udp: Option<&str>,
+        tcp: Address<'_>,
+        udp: Option<Address<'_>>,
         machine: &dyn Machine,
     ) -> Result<Self, String> {
-        let listen = || {
-            let listener = TcpListener::bind(tcp)?;
-            listener.set_nonblocking(true)?;
-            Ok(listener)
-        };
-        let bind = |address| {
+        let bind = |address: &str| {
             let socket = UdpSocket::bind(address)?;
             socket.set_nonblocking(true)?;
-            Ok(socket)
+            let place = socket.local_addr()?;
+            Ok((socket, place))
         };
-        let listener = listen().map_err(|e| cannot_listen("--tcp", tcp, &e))?;
-        let udp_socket =
-            udp.map(|udp| bind(udp).map_err(|e| cannot_listen("--udp", udp, &e))).transpose()?;
         Ok(Self {
             pty: Pty::open(pty_link)?,
             pty_flow: Flow::new(machine.follower()),
             pty_was_open: false,
-            listener,
+            door: Door::open("TCP", tcp)?,
             clients: Vec::new(),
-            udp: udp_socket,
+            udp: udp.map(|udp| udp.listen(bind)).transpose()?,
+            datagram: VecDeque::new(),
+            datagrams_dropped: 0,
             peers: Vec::new(),
             turn: 0,
         })
@@ -74,12 +91,8 @@ impl Links {
 
     /// Where they are, for the user.
     pub fn places(&self) -> Vec<String> {
-        let shown = |address: std::io::Result<SocketAddr>| {
-            address.map_or_else(|e| e.to_string(), |address| address.to_string())
-        };
-        let mut places =
-            vec![self.pty.place(), format!("TCP {}", shown(self.listener.local_addr()))];
-        places.extend(self.udp.iter().map(|udp| format!("UDP {}", shown(udp.local_addr()))));
+        let mut places = vec![self.pty.place(), format!("TCP {}", self.door.place())];
+        places.extend(self.udp.iter().map(|(_, place)| format!("UDP {place}")));
         places
     }
 
@@ -88,32 +101,38 @@ impl Links {
         (self.pty_was_open, self.clients.len(), self.peers.len())
     }
 
-    /// What can bring bytes, to wait for. A closed pseudo-terminal would end every wait at once,
-    /// and a full line takes nothing.
+    /// The same for the inspector, with who and what was sent away.
+    pub fn state(&self) -> Value {
+        let (serial_open, tcp, udp) = self.connected();
+        json!({
+            "serial_open": serial_open,
+            "tcp": tcp,
+            "udp": udp,
+            "refused": self.door.refused(),
+            "datagrams_dropped": self.datagrams_dropped,
+        })
+    }
+
+    /// What can bring bytes, to wait for. A full line takes nothing.
     pub fn watch<'a>(&'a self, line: &Line, fds: &mut Vec<BorrowedFd<'a>>) {
-        fds.push(self.listener.as_fd());
+        fds.push(self.door.as_fd());
         if line.backlog() <= BACKLOG {
-            fds.extend(self.udp.as_ref().map(AsFd::as_fd));
-            let talking = self.clients.iter().filter(|(_, flow)| !flow.finished);
-            fds.extend(talking.map(|(stream, _)| stream.as_fd()));
-            if self.pty_was_open {
-                fds.push(self.pty.as_fd());
+            if self.datagram.is_empty() {
+                fds.extend(self.udp.iter().map(|(udp, _)| udp.as_fd()));
             }
+            fds.extend(self.clients.iter().filter_map(|client| client.guest.watch()));
+            fds.push(self.pty.as_fd());
         }
     }
 
     /// Puts what the clients have sent onto the line.
     pub fn receive(&mut self, machine: &dyn Machine) {
         let line = machine.line();
-        while let Ok((stream, _)) = self.listener.accept() {
-            if self.clients.len() < MOST_CLIENTS
-                && stream.set_nonblocking(true).is_ok()
-                && stream.set_nodelay(true).is_ok()
-                && set_socket_send_buffer_size(&stream, machine.send_buffer()).is_ok()
-            {
-                self.clients.push((stream, Flow::new(machine.follower())));
-            }
-        }
+        self.door.admit(&mut self.clients, |guest| {
+            // Without it a slow reader gets older bytes, and no other.
+            let _ = set_socket_send_buffer_size(&guest, machine.send_buffer());
+            Client { guest, flow: Flow::new(machine.follower()), is_there: true }
+        });
         let pty_is_open = self.pty.is_open();
         if self.pty_was_open && !pty_is_open {
             self.pty.forget_unread();
@@ -129,35 +148,43 @@ impl Links {
                 break;
             }
             match source {
-                0 if self.pty_was_open => {
+                // Whoever has closed the device may have sent something before.
+                0 => {
                     let mut buffer = [0; TURN];
                     let count = self.pty.read(&mut buffer);
                     self.pty_flow.pass(&buffer[..count], line);
                 }
-                0 => {}
-                1 => self.receive_datagram(line),
-                _ => {
-                    let (stream, flow) = &mut self.clients[source - 2];
-                    flow.receive(stream, line);
-                }
+                1 => self.receive_datagram(machine),
+                _ => self.clients[source - 2].receive(line),
             }
         }
         self.pty_flow.pass_held(line);
-        self.clients.iter_mut().for_each(|(_, flow)| flow.pass_held(line));
-        self.clients.retain(|(_, flow)| !flow.gone);
+        self.clients.iter_mut().for_each(|client| client.flow.pass_held(line));
+        self.clients.retain(|client| client.is_there);
     }
 
-    fn receive_datagram(&mut self, line: &Line) {
-        let mut buffer = [0; 2048];
-        let Some(udp) = &self.udp else { return };
-        if let Ok((count, peer)) = udp.recv_from(&mut buffer) {
-            line.host_sends(&buffer[..count]);
-            self.peers.retain(|known| *known != peer);
-            if self.peers.len() == MOST_CLIENTS {
-                self.peers.remove(0);
-            }
-            self.peers.push(peer);
+    /// Takes a turn's worth of whole frames of the last datagram, or the next one.
+    fn receive_datagram(&mut self, machine: &dyn Machine) {
+        let mut passed = 0;
+        while let Some(frame) = self.datagram.pop_front_if(|_| passed < TURN) {
+            passed += frame.len();
+            machine.line().host_sends(&frame);
         }
+        let Some((udp, _)) = self.udp.as_ref().filter(|_| passed == 0) else { return };
+        let mut buffer = [0; LONGEST_DATAGRAM];
+        let Ok((count, peer)) = udp.recv_from(&mut buffer) else { return };
+        let Some(frames) = machine.follower().whole(&buffer[..count]) else {
+            self.datagrams_dropped = self.datagrams_dropped.wrapping_add(1);
+            log::warn!("datagram from {peer} dropped: its {count} bytes are no whole frames");
+            return;
+        };
+        self.datagram.extend(frames);
+        self.peers.retain(|known| *known != peer);
+        if self.peers.len() == MOST_PEERS {
+            self.peers.remove(0);
+        }
+        self.peers.push(peer);
+        self.receive_datagram(machine);
     }
 
     /// Sends a frame of the board to everybody.
@@ -168,14 +195,10 @@ impl Links {
         } else {
             self.pty_flow.unsent.clear();
         }
-        self.clients.retain_mut(|(stream, flow)| {
-            flow.send(frame, |bytes| match stream.write(bytes) {
-                Ok(count) => Some(count),
-                Err(e) if e.kind() == ErrorKind::WouldBlock => Some(0),
-                Err(_) => None,
-            })
-        });
-        for (udp, peer) in self.udp.iter().flat_map(|udp| self.peers.iter().map(move |p| (udp, p)))
+        self.clients
+            .retain_mut(|client| client.flow.send(frame, |bytes| client.guest.write(bytes)));
+        for (udp, peer) in
+            self.udp.iter().flat_map(|(udp, _)| self.peers.iter().map(move |p| (udp, p)))
         {
             // A datagram that finds no room, or nobody, is lost, as on the radio.
             let _ = udp.send_to(frame, peer);
@@ -183,52 +206,31 @@ impl Links {
     }
 }
 
-/// Why an address will not do, and what would.
-pub fn cannot_listen(option: &str, address: &str, error: &std::io::Error) -> String {
-    let remedy = match error.kind() {
-        ErrorKind::AddrInUse => "; port 0 takes a free one",
-        ErrorKind::InvalidInput => "; expected an address and a port, as 127.0.0.1:5005",
-        _ => "",
-    };
-    format!("{option} {address}: {error}{remedy}")
+impl Client {
+    /// Takes a turn's worth of what it has sent.
+    fn receive(&mut self, line: &Line) {
+        let mut buffer = [0; TURN];
+        match self.guest.read(&mut buffer) {
+            Said::Bytes(count) => self.flow.pass(&buffer[..count], line),
+            Said::Nothing | Said::End => {}
+            Said::Gone => self.is_there = false,
+        }
+    }
 }
 
 /// One client's stream, kept in whole frames both ways.
 struct Flow {
     /// Follows the client's frames.
     follower: Box<dyn Follower>,
-    /// The beginning of a frame whose rest has not come yet, and since when.
-    held: Vec<u8>,
+    /// When something came last.
     since: Instant,
     /// The end of a frame that the client had no room for.
     unsent: Vec<u8>,
-    /// The client has nothing more to say; it may still listen.
-    finished: bool,
-    /// The client is not there any more.
-    gone: bool,
 }
 
 impl Flow {
     fn new(follower: Box<dyn Follower>) -> Self {
-        Self {
-            follower,
-            held: Vec::new(),
-            since: Instant::now(),
-            unsent: Vec::new(),
-            finished: false,
-            gone: false,
-        }
-    }
-
-    /// Takes a turn's worth of what a TCP client has sent.
-    fn receive(&mut self, stream: &mut TcpStream, line: &Line) {
-        let mut buffer = [0; TURN];
-        match stream.read(&mut buffer) {
-            Ok(0) => self.finished = true,
-            Ok(count) => self.pass(&buffer[..count], line),
-            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-            Err(_) => self.gone = true,
-        }
+        Self { follower, since: Instant::now(), unsent: Vec::new() }
     }
 
     /// Passes bytes on, except for an incomplete frame at their end.
@@ -236,20 +238,14 @@ impl Flow {
         if bytes.is_empty() {
             return;
         }
-        self.held.extend(bytes);
         self.since = Instant::now();
-        let pending = self.follower.follow(bytes);
-        let complete = self.held.len().saturating_sub(pending);
-        line.host_sends(&self.held[..complete]);
-        self.held.drain(..complete);
+        line.host_sends(&self.follower.follow(bytes));
     }
 
     /// Passes on the incomplete frame of a client that has paused too long.
     fn pass_held(&mut self, line: &Line) {
-        if !self.held.is_empty() && self.since.elapsed() >= PATIENCE {
-            line.host_sends(&self.held);
-            self.held.clear();
-            self.follower.forget();
+        if self.follower.is_waiting() && self.since.elapsed() >= PATIENCE {
+            line.host_sends(&self.follower.give_up());
         }
     }
 

@@ -1,10 +1,11 @@
 //! What the program asks of a board, whatever its personality: [`Machine`], one file each beside
-//! this one. Links, inspector and display know nothing else.
+//! this one. Links, inspector and status know nothing else.
 
 use embassy_time::Instant;
 use hal_mock::wire::Line;
-use protocol::deframe::{Deframer, Framing};
 use serde_json::{Map, Value};
+
+use crate::follow::Follower;
 
 /// A simulated board on virtual time, with a line to its host.
 pub trait Machine {
@@ -27,36 +28,21 @@ pub trait Machine {
     /// Runs until `time`.
     fn run_until(&mut self, time: Instant);
 
-    /// How it is, in a line.
+    /// How it is, in a line that stays the same for as long as nothing happens.
     fn status(&self) -> String;
 
-    /// How it is, in some lines for a terminal.
-    fn panel(&self) -> String;
+    /// What is wrong with it, by name.
+    fn faults(&self) -> Vec<String>;
 
     /// The simulated truth.
     fn state(&self) -> Value;
 
+    /// What can be [`set`](Self::set).
+    fn settable(&self) -> &'static [&'static str];
+
+    /// What of it is not as the simulation would have it, as it would be set.
+    fn overridden(&self) -> Map<String, Value>;
+
     /// Changes the simulated world; an error names the key, and nothing is changed.
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String>;
-}
-
-/// Tells frames apart, so that those of several clients do not mix on the line.
-pub trait Follower {
-    /// Takes what a client has sent; how many bytes at the end belong to a frame whose rest has
-    /// not come yet.
-    fn follow(&mut self, bytes: &[u8]) -> usize;
-
-    /// Forgets the frame whose rest has not come.
-    fn forget(&mut self);
-}
-
-impl<F: Framing, const N: usize> Follower for Deframer<F, N> {
-    fn follow(&mut self, mut bytes: &[u8]) -> usize {
-        while self.receive(&mut bytes).is_some() {}
-        self.pending()
-    }
-
-    fn forget(&mut self) {
-        *self = Self::new();
-    }
 }

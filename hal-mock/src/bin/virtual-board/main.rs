@@ -1,11 +1,13 @@
 //! The virtual board: an old controller on this computer, for host programs that know the original.
 //!
-//! It prints where it listens (a pseudo-terminal, TCP, UDP), then a status line a second, until
-//! it is interrupted or `--seconds` are over. Whatever a client does, the board goes on. What is
-//! wrong with the command line is said in one line, with exit code 2.
+//! It prints where it listens (a pseudo-terminal, TCP, UDP), then what changes, until it is
+//! interrupted or `--seconds` are over. Whatever a client does, the board goes on. Exit code 2 is for a
+//! wrong command line, 1 for what else keeps it from running.
 
 mod ax12_bus;
 mod cm5;
+mod door;
+mod follow;
 mod inspect;
 mod links;
 mod machine;
@@ -18,6 +20,7 @@ mod servos;
 mod status;
 mod values;
 
+use std::mem::MaybeUninit;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -35,30 +38,24 @@ use status::Status;
 
 /// A board that is this far behind the wall clock (a machine that slept) does not catch up.
 const FARTHEST_BEHIND: Duration = Duration::from_secs(1);
+
 fn main() -> ExitCode {
-    let options = match Options::parse() {
-        Ok(Some(options)) => options,
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(message) => return refuse(&message),
-    };
+    let options = Options::parse().unwrap_or_else(|error| error.exit());
     printer::start(log_level());
     let result = run(&options);
     printer::finish();
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(message) => refuse(&message),
+        Err(message) => {
+            eprintln!("virtual-board: {message}");
+            ExitCode::FAILURE
+        }
     }
 }
 
-/// `RUST_LOG=warn` shows why frames are refused; without it the log is off, since a host may send
-/// a thousand bad frames a second.
+/// Warnings, unless `RUST_LOG` says otherwise.
 fn log_level() -> log::LevelFilter {
-    std::env::var("RUST_LOG").ok().and_then(|l| l.parse().ok()).unwrap_or(log::LevelFilter::Off)
-}
-
-fn refuse(message: &str) -> ExitCode {
-    eprintln!("virtual-board: {message}");
-    ExitCode::from(2)
+    std::env::var("RUST_LOG").ok().and_then(|l| l.parse().ok()).unwrap_or(log::LevelFilter::Warn)
 }
 
 fn run(options: &Options) -> Result<(), String> {
@@ -66,6 +63,9 @@ fn run(options: &Options) -> Result<(), String> {
     let stop = Arc::new(AtomicBool::new(false));
     use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
     for signal in [SIGHUP, SIGINT, SIGQUIT, SIGTERM] {
+        if is_ignored(signal) {
+            continue; // by `nohup`, say
+        }
         signal_hook::flag::register(signal, stop.clone())
             .map_err(|e| format!("cannot catch signals: {e}"))?;
     }
@@ -83,7 +83,7 @@ fn run(options: &Options) -> Result<(), String> {
     for place in links.places().into_iter().chain(inspector.as_ref().map(Inspector::place)) {
         say(&format!("  {place}"));
     }
-    let mut status = Status::new(options.headless);
+    let mut status = Status::default();
     let mut start = Instant::now();
     while !stop.load(Ordering::Relaxed) {
         let mut now = start.elapsed();
@@ -102,17 +102,29 @@ fn run(options: &Options) -> Result<(), String> {
         }
         links.receive(machine.as_ref());
         if let Some(inspector) = &mut inspector {
-            inspector.serve(machine.as_mut());
+            inspector.serve(machine.as_mut(), &links);
         }
         machine.run_until(embassy_time::Instant::from_micros(now.as_micros() as u64));
         while let Some((_, frame)) = machine.line().host_receives() {
             links.send(&frame);
         }
         status.show(machine.as_ref(), &links);
+        printer::tell_the_rest(false);
         wait(&links, inspector.as_ref(), machine.as_ref(), start);
     }
+    printer::tell_the_rest(true);
     say("bye");
     Ok(())
+}
+
+/// Whether whoever has started the program wants it to ignore a signal.
+fn is_ignored(signal: i32) -> bool {
+    let mut action = MaybeUninit::<libc::sigaction>::uninit();
+    // SAFETY: without a new action it only fills in the present one, which is read if it has.
+    unsafe {
+        libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()) == 0
+            && action.assume_init().sa_sigaction == libc::SIG_IGN
+    }
 }
 
 /// Waits for bytes from somewhere, or for the board's next event.

@@ -3,14 +3,22 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{CommandFactory, FromArgMatches, Parser, ValueEnum};
 use hal_mock::flash::Flash;
+use hal_mock::servo_bus::Faults;
 use protocol::arcos::{Dialect, MotionBits};
 
+use crate::door::{Address, is_loopback};
+use crate::servos;
+
 /// A simulated motion and sensing controller that host programs of the original can talk to.
+///
+/// It prints where it listens, and then what happens, until it is interrupted. Exit codes: 0 when it
+/// has ended as asked, 1 when it cannot run, 2 when the command line is wrong.
 #[derive(Parser)]
-#[command(version, about)]
+#[command(name = "virtual-board", version)]
 pub struct Options {
     /// Which controller to be.
     #[arg(value_enum, default_value_t = Personality::Pms5005)]
@@ -19,10 +27,11 @@ pub struct Options {
     #[arg(long, value_name = "LINK")]
     pub pty: Option<PathBuf>,
     /// Where to listen for TCP clients [default: 127.0.0.1:5005, or port 8101 for
-    /// pioneer-arm, 5006 for cm5, 5012 for ax12-bus].
+    /// pioneer-arm, 5006 for cm5, 5012 for ax12-bus; a free port if that one is in use].
     #[arg(long, value_name = "ADDR")]
     tcp: Option<String>,
-    /// Where to listen for UDP peers, one frame a datagram [default: 127.0.0.1:10001].
+    /// Where to listen for UDP peers, whole frames in a datagram [default: 127.0.0.1:10001, or a
+    /// free port].
     #[arg(long, value_name = "ADDR")]
     udp: Option<String>,
     /// Where to offer the simulated truth as JSON lines; loopback only. Off by default.
@@ -34,14 +43,15 @@ pub struct Options {
     /// Where saved settings are kept; without it they are lost when the board ends.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7.
+    /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7; 1 to 253, for ax12-bus 0
+    /// too.
     #[arg(long, value_name = "IDS", default_value = "1-6")]
-    pub servos: String,
+    servos: String,
     /// What goes wrong on the servo bus, in parts of a million of its bytes: dropped, flipped and
-    /// stalled, as flipped=100,stalled=2000.
+    /// stalled, 0 to 1000000 each, as flipped=100,stalled=2000.
     #[arg(long, value_name = "RATES", default_value = "")]
-    pub bus_faults: String,
-    /// Pace both directions as a UART of that baud would; 0 does not [default: 115200, and 1000000
+    bus_faults: String,
+    /// Pace both directions as a UART of that baud would, 9600 or more; 0 does not [default: 115200, and 1000000
     /// for a CM-5 or a servo bus].
     #[arg(long, value_name = "BAUD")]
     line_rate: Option<u32>,
@@ -52,9 +62,9 @@ pub struct Options {
     /// Stop after N seconds.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seconds: Option<f64>,
-    /// Print plain lines only, even on a terminal.
-    #[arg(long)]
-    pub headless: bool,
+    /// Nothing is drawn any more; scripts that ask for that still may.
+    #[arg(long, hide = true)]
+    headless: bool,
     /// Seed of the simulated noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
@@ -113,29 +123,24 @@ impl Personality {
 const SLOWEST_LINE: u32 = 9600;
 
 impl Options {
-    /// What the command line says, or in one line what is wrong with it. `None` when the user only
-    /// wanted to know something, and has been told.
-    pub fn parse() -> Result<Option<Self>, String> {
-        let parsed =
-            Self::command().try_get_matches().and_then(|m| Ok((Self::from_arg_matches(&m)?, m)));
-        let (options, matches) = match parsed {
-            Ok(parsed) => parsed,
-            Err(error) if !error.use_stderr() => {
-                let _ = error.print(); // --help, --version
-                return Ok(None);
-            }
-            Err(error) => {
-                // What is wrong, and what would be right; then come usage and tips.
-                let text = error.render().to_string();
-                let said: Vec<_> = text.lines().take_while(|line| !line.is_empty()).collect();
-                let line = said.join("").replace("  ", " ");
-                return Err(line.strip_prefix("error: ").unwrap_or(&line).to_owned());
-            }
-        };
-        let personality = options.personality;
+    /// What the command line says. An error is what is wrong with it, or what the user wanted to
+    /// know.
+    pub fn parse() -> Result<Self, clap::Error> {
+        let matches = Self::command().try_get_matches()?;
+        let options = Self::from_arg_matches(&matches)?;
+        let is_given =
+            |option: &str| matches.value_source(option) == Some(ValueSource::CommandLine);
+        options
+            .check(is_given)
+            .map_err(|text| Self::command().error(ErrorKind::ValueValidation, text))?;
+        Ok(options)
+    }
+
+    /// Says in one line what is wrong.
+    fn check(&self, is_given: impl Fn(&str) -> bool) -> Result<(), String> {
+        let personality = self.personality;
         for (option, whose) in PARTICULAR {
-            let is_given = matches.value_source(option) == Some(ValueSource::CommandLine);
-            if is_given && !whose.contains(&personality) {
+            if is_given(option) && !whose.contains(&personality) {
                 let name = |p: &Personality| p.to_possible_value().map(|v| v.get_name().to_owned());
                 let whose: Vec<_> = whose.iter().filter_map(name).collect();
                 let here = name(&personality).unwrap_or_default();
@@ -143,22 +148,51 @@ impl Options {
                 return Err(format!("--{option}: not for {here}, only for {}", whose.join(", ")));
             }
         }
-        if (1..SLOWEST_LINE).contains(&options.line_rate()) {
-            let rate = options.line_rate();
+        let rate = self.line_rate();
+        if (1..SLOWEST_LINE).contains(&rate) {
             return Err(format!("--line-rate {rate}: must be 0, or {SLOWEST_LINE} or more"));
         }
-        options.end()?;
-        Ok(Some(options))
+        if personality == Personality::Ax12Bus && rate == 0 {
+            return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());
+        }
+        let addresses = [("--tcp", &self.tcp), ("--udp", &self.udp), ("--inspect", &self.inspect)];
+        for (option, address) in addresses {
+            let port = |text: &String| text.rsplit_once(':')?.1.parse::<u16>().ok();
+            if let Some(text) = address.as_ref().filter(|text| port(text).is_none()) {
+                return Err(format!(
+                    "{option} {text}: expected an address and a port, as 127.0.0.1:5005"
+                ));
+            }
+        }
+        if let Some(address) = self.inspect.as_ref().filter(|address| !is_loopback(address)) {
+            return Err(format!("--inspect {address}: only a loopback address will do"));
+        }
+        self.servos()?;
+        self.bus_faults()?;
+        self.end()?;
+        Ok(())
     }
 
     /// Where to listen for TCP clients.
-    pub fn tcp(&self) -> &str {
-        self.tcp.as_deref().unwrap_or(self.personality.defaults().tcp)
+    pub fn tcp(&self) -> Address<'_> {
+        let default = self.personality.defaults().tcp;
+        Address::new("--tcp", self.tcp.as_deref(), default)
     }
 
     /// Where to listen for UDP peers, if this personality does.
-    pub fn udp(&self) -> Option<&str> {
-        self.udp.as_deref().or(self.personality.defaults().udp)
+    pub fn udp(&self) -> Option<Address<'_>> {
+        let default = self.personality.defaults().udp?;
+        Some(Address::new("--udp", self.udp.as_deref(), default))
+    }
+
+    /// The servos on the bus. A CM-5 searches no ID 0.
+    pub fn servos(&self) -> Result<Vec<u8>, String> {
+        servos::ids(&self.servos, u8::from(self.personality != Personality::Ax12Bus))
+    }
+
+    /// What goes wrong on the bus.
+    pub fn bus_faults(&self) -> Result<Faults, String> {
+        servos::faults(&self.bus_faults)
     }
 
     /// The line's speed in baud; 0 takes no time.

@@ -1,20 +1,19 @@
 //! The Pioneer Arm as a [`Machine`]: what it shows, tells and lets itself be told.
 
-use std::fmt::Write;
-
 use embassy_time::Instant;
 use firmware::personality::Boot;
 use firmware::personality::pioneer_arm::PioneerArm;
 use firmware::settings::Settings;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::wire::Line;
-use protocol::arcos::{JOINTS, Receiver};
+use protocol::arcos::{Arcos, JOINTS, MAX_RECEIVED, Packet};
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
 use crate::pms5005::latched;
-use crate::values::numbers;
+use crate::values::{numbers, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
 /// command line goes before the one in the settings.
@@ -45,7 +44,7 @@ impl Machine for VirtualBoard<PioneerArm> {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Receiver::new())
+        Box::new(Frames::<Arcos, MAX_RECEIVED>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -55,49 +54,18 @@ impl Machine for VirtualBoard<PioneerArm> {
     fn status(&self) -> String {
         let link = self.link();
         let ticks = link.arm.positions.map(|ticks| ticks.to_string()).join(",");
-        let mut text = format!(
+        format!(
             "ticks={ticks} power={} packets={} bad={} refused={} ignored={}",
             if link.arm.powered { "on" } else { "off" },
             link.link.frames_ok,
             link.link.bad_frames,
             link.link.refused,
             link.ignored,
-        );
-        for fault in faults(self) {
-            let _ = write!(text, " {}", fault.to_uppercase());
-        }
-        text
+        )
     }
 
-    fn panel(&self) -> String {
-        let plant = self.plant.borrow();
-        let link = self.link();
-        let mut text = String::new();
-        for i in 0..JOINTS {
-            let pulse = match plant.outputs.servos[i] {
-                Some(pulse) => format!("{:6.0} us", f64::from(pulse.raw()) / 2.25),
-                None => "      off".into(),
-            };
-            let _ = writeln!(
-                text,
-                "joint {} {:3} ticks {} {pulse} at {:4.0}",
-                i + 1,
-                link.arm.positions[i],
-                if link.arm.moving[i] { "moving" } else { "      " },
-                plant.servos[i].position() / 2.25,
-            );
-        }
-        let _ = write!(
-            text,
-            "packets {} bad {} refused {} ignored {} limited {}  {}",
-            link.link.frames_ok,
-            link.link.bad_frames,
-            link.link.refused,
-            link.ignored,
-            link.limited,
-            faults(self).join(" "),
-        );
-        text
+    fn faults(&self) -> Vec<String> {
+        faults(self)
     }
 
     fn state(&self) -> Value {
@@ -143,6 +111,18 @@ impl Machine for VirtualBoard<PioneerArm> {
         })
     }
 
+    fn settable(&self) -> &'static [&'static str] {
+        &["arm_link", "battery"]
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        let overrides = &self.plant.borrow().overrides;
+        that_are_set(json!({
+            "arm_link": overrides.gpio_in.map(|input| input == CONNECTED),
+            "battery": overrides.battery,
+        }))
+    }
+
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
         let mut overrides = self.plant.borrow().overrides.clone();
         for (key, value) in changes {
@@ -152,7 +132,7 @@ impl Machine for VirtualBoard<PioneerArm> {
                 ("arm_link", Value::Null) => overrides.gpio_in = None,
                 ("arm_link", _) => return Err(format!("{key}: expected true, false, or null")),
                 ("battery", value) => overrides.battery = numbers(key, value, 4095)?,
-                _ => return Err(format!("{key}: nothing of this name can be set")),
+                _ => return Err(format!("{key}: cannot be set")),
             }
         }
         self.plant.borrow_mut().overrides = overrides;
@@ -172,3 +152,10 @@ fn faults(board: &VirtualBoard<PioneerArm>) -> Vec<String> {
     };
     of_the_arm.map(str::to_owned).into_iter().chain(latched(&board.snapshot())).collect()
 }
+
+/// The packets of a host, for the log.
+const FORMAT: Format = Format {
+    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_RECEIVED]).ok()?.to_vec()),
+    checksum: (2, 0),
+    remark: |_| None,
+};

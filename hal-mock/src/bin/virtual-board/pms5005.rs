@@ -10,13 +10,14 @@ use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
 use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{Channel, Receiver};
+use protocol::pms5005::{Channel, Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Follower, Machine};
+use crate::follow::{Follower, Format, Frames};
+use crate::machine::Machine;
 use crate::options::Options;
-use crate::values::{list, number, numbers};
+use crate::values::{list, number, numbers, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its files.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
@@ -24,6 +25,10 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
         None => Default::default(),
         Some(path) => {
             let shown = path.display();
+            // A FIFO would wait for somebody.
+            if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
+                return Err(format!("--scene {shown}: must be a file"));
+            }
             let text =
                 std::fs::read_to_string(path).map_err(|e| format!("--scene {shown}: {e}"))?;
             scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
@@ -44,7 +49,7 @@ impl Machine for VirtualBoard {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Receiver::new())
+        Box::new(Frames::<Framing, MAX_FRAME>::new(FORMAT))
     }
 
     fn run_until(&mut self, time: Instant) {
@@ -64,59 +69,44 @@ impl Machine for VirtualBoard {
         }
         let _ = write!(
             text,
-            " frames={} bad={} acks={} telemetry={} refused={}",
+            " frames={} bad={} refused={}",
             link.frames_ok,
             link.bad_frames,
-            link.acks_sent,
-            link.telemetry_sent,
             self.refused(),
         );
-        if self.snapshot().link_loss {
-            text.push_str(" LINK-LOSS");
-        }
         text
     }
 
-    fn panel(&self) -> String {
-        let plant = self.plant.borrow();
-        let link = self.link();
-        let mut text = String::new();
-        for (i, (motor, output)) in plant.motors.iter().zip(&plant.outputs.motors).enumerate() {
-            let duty = match output.enabled {
-                true => format!("{:+6.1} %", f64::from(output.duty.raw()) / 163.84),
-                false => "     off".into(),
-            };
-            let servo = match plant.outputs.servos[i] {
-                Some(pulse) => format!("{:6.0} us", f64::from(pulse.raw()) / 2.25),
-                None => "      off".into(),
-            };
-            let at = plant.servos[i].position() / 2.25;
-            let _ = writeln!(
-                text,
-                "motor {} {duty} {:9} {:7.0}/s {:5.2} A   servo {} {servo} at {at:4.0}",
-                i + 1,
-                motor.position(),
-                motor.velocity(),
-                motor.current_a(),
-                i + 1,
-            );
-        }
-        let _ = write!(
-            text,
-            "frames {} bad {} refused {}  acks {}  telemetry {}  out {:08b}{}",
-            link.frames_ok,
-            link.bad_frames,
-            self.refused(),
-            link.acks_sent,
-            link.telemetry_sent,
-            plant.outputs.gpio,
-            if self.snapshot().link_loss { "  host silent: LINK LOSS" } else { "" },
-        );
-        text
+    fn faults(&self) -> Vec<String> {
+        faults(&self.snapshot())
     }
 
     fn state(&self) -> Value {
         json!(State::of(self))
+    }
+
+    fn settable(&self) -> &'static [&'static str] {
+        &[
+            "pot",
+            "encoder",
+            "motor_current",
+            "custom_ad",
+            "human",
+            "tilt",
+            "overheat",
+            "temperature",
+            "ir_range",
+            "battery",
+            "reference",
+            "sonar_cm",
+            "ir_command",
+            "gpio_in",
+            "jam",
+        ]
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        that_are_set(json!(self.plant.borrow().overrides))
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
@@ -273,8 +263,19 @@ fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides
                 new.jam = list(value, |value| value.as_bool())
                     .ok_or(format!("{key}: expected 6 booleans, or null"))?;
             }
-            _ => return Err(format!("{key}: nothing of this name can be set")),
+            _ => return Err(format!("{key}: cannot be set")),
         }
     }
     Ok(new)
 }
+
+/// The frames of a host, for the log.
+const FORMAT: Format = Format {
+    sealed: |frame| Some(Frame::parse(frame)?.encode(&mut [0; MAX_FRAME]).ok()?.to_vec()),
+    checksum: (3, 2),
+    remark: |frame| match Frame::parse(frame)?.rid {
+        RID_PMS5005 => None,
+        RID_HOST => Some(format!("a frame of our own, with RID {RID_HOST}, is ignored")),
+        rid => Some(format!("wrong RID: {rid} came, ours is {RID_PMS5005}, the frame is ignored")),
+    },
+};

@@ -4,8 +4,8 @@
 //! a bounded queue to a thread of their own, and those that find no room are left out.
 
 use std::io::Write;
-use std::sync::OnceLock;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Mutex, OnceLock};
 use std::time::Duration;
 
 /// Lines that may wait.
@@ -33,16 +33,64 @@ pub fn start(level: log::LevelFilter) {
 /// The log's way to the queue; a logger that writes itself would wait for its reader.
 struct Printer;
 
+/// Lines of a kind in a second of the board's time. A host may send a thousand bad frames in one.
+const MOST: u32 = 3;
+
+/// What one place in the program has logged in this second.
+struct Kind {
+    place: (Option<&'static str>, Option<u32>),
+    lines: u32,
+    /// The last line that was left out.
+    last: String,
+}
+
+/// The kinds of a second.
+static KINDS: Mutex<(u64, Vec<Kind>)> = Mutex::new((0, Vec::new()));
+
 impl log::Log for Printer {
     fn enabled(&self, _: &log::Metadata<'_>) -> bool {
         true
     }
 
     fn log(&self, record: &log::Record<'_>) {
-        queue(Job::Log(record.args().to_string()));
+        tell_the_rest(false);
+        let place = (record.file_static(), record.line());
+        let text = format!("{}: {}", record.level().as_str().to_lowercase(), record.args());
+        let Ok(mut kinds) = KINDS.lock() else { return };
+        let kinds = &mut kinds.1;
+        let known = kinds.iter().position(|kind| kind.place == place);
+        let index = known.unwrap_or_else(|| {
+            kinds.push(Kind { place, lines: 0, last: String::new() });
+            kinds.len() - 1
+        });
+        let kind = &mut kinds[index];
+        kind.lines += 1;
+        if kind.lines <= MOST {
+            log_now(&text);
+        } else {
+            kind.last = text;
+        }
     }
 
     fn flush(&self) {}
+}
+
+/// When a second is over, or at the `end`, tells how many lines of each kind were left out.
+pub fn tell_the_rest(end: bool) {
+    let second = embassy_time::Instant::now().as_secs();
+    let Ok(mut kinds) = KINDS.lock() else { return };
+    if kinds.0 == second && !end {
+        return;
+    }
+    kinds.0 = second;
+    for Kind { lines, last, .. } in kinds.1.drain(..).filter(|kind| kind.lines > MOST) {
+        log_now(&format!("{} more like this one, {last}", lines - MOST));
+    }
+}
+
+fn log_now(text: &str) {
+    let ms = embassy_time::Instant::now().as_millis();
+    queue(Job::Log(format!("t={:.3}s {text}", ms as f64 / 1000.0)));
 }
 
 /// Prints a line on standard output.

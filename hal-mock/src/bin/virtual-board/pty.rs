@@ -1,22 +1,37 @@
 //! The board's pseudo-terminal: what a host program opens as its serial device.
 //!
-//! The device is raw (no echo, no line editing) whether or not the host program asks for it. As
-//! long as nobody has it open, nothing is written, and what was not read is forgotten when it is
-//! closed, so that a host does not begin with old news.
+//! The device is raw (no echo, no line editing) for each who opens it, whether or not it asks for
+//! that, and whatever the last one has left. As long as nobody has it open, nothing is written, and
+//! what was not read is forgotten when it is closed, so that a host does not begin with old news.
+//!
+//! A host that flushes its output (`TCOFLUSH`) before a packet takes back what has not been read of
+//! the packet before: a thread that does nothing else reads at once, up to 64 KiB ahead of a
+//! line that is slower. What the kernel itself has not passed on by then, it can take back still.
 
 use std::fs::{self, File};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, PipeReader, PipeWriter, Read, Write, pipe};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use rustix::termios::{
+    InputModes, LocalModes, OptionalActions, OutputModes, QueueSelector, tcflush, tcgetattr,
+    tcsetattr,
+};
+
+/// How often it is looked whether somebody opens the device. What is written meanwhile waits.
+const CLOSED: Duration = Duration::from_millis(1);
 
 /// A pseudo-terminal, and perhaps a symbolic link to it, removed when it is dropped.
 pub struct Pty {
-    master: OwnedFd,
+    master: Arc<OwnedFd>,
+    /// What the thread has read.
+    read: PipeReader,
     device: PathBuf,
     link: Option<PathBuf>,
 }
@@ -25,9 +40,7 @@ impl Pty {
     /// Opens a pseudo-terminal; `link` becomes a symbolic link to it, in place of one that a board
     /// has left behind.
     pub fn open(link: Option<&Path>) -> Result<Self, String> {
-        let (master, device) =
-            Self::make().map_err(|e| format!("cannot open a pseudo-terminal: {e}"))?;
-        let mut pty = Self { master, device, link: None };
+        let mut pty = Self::make().map_err(|e| format!("cannot open a pseudo-terminal: {e}"))?;
         if let Some(link) = link {
             let complain = |e: std::io::Error| {
                 let remedy = match e.kind() {
@@ -36,9 +49,7 @@ impl Pty {
                 };
                 format!("--pty {}: {e}{remedy}", link.display())
             };
-            let left_behind =
-                fs::read_link(link).is_ok_and(|to| to == pty.device) || !link.exists();
-            if link.is_symlink() && left_behind {
+            if is_left_behind(link) {
                 fs::remove_file(link).map_err(complain)?;
             }
             std::os::unix::fs::symlink(&pty.device, link).map_err(complain)?;
@@ -47,18 +58,21 @@ impl Pty {
         Ok(pty)
     }
 
-    fn make() -> std::io::Result<(OwnedFd, PathBuf)> {
-        let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
-        grantpt(&master)?;
-        unlockpt(&master)?;
-        fcntl_setfl(&master, OFlags::NONBLOCK)?;
-        let device = PathBuf::from(ptsname(&master, Vec::new())?.to_string_lossy().into_owned());
+    fn make() -> std::io::Result<Self> {
+        let master = Arc::new(openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?);
+        grantpt(&*master)?;
+        unlockpt(&*master)?;
+        fcntl_setfl(&*master, OFlags::NONBLOCK)?;
+        let device = PathBuf::from(ptsname(&*master, Vec::new())?.to_string_lossy().into_owned());
         // Opening the device once also makes its closing visible from now on (see `is_open`).
-        let slave = File::options().read(true).write(true).open(&device)?;
-        let mut attributes = tcgetattr(&slave)?;
-        attributes.make_raw();
-        tcsetattr(&slave, OptionalActions::Now, &attributes)?;
-        Ok((master, device))
+        make_raw(File::options().read(true).write(true).open(&device)?)?;
+        let (read, to_board) = pipe()?;
+        fcntl_setfl(&read, OFlags::NONBLOCK)?;
+        std::thread::Builder::new().name("pty".into()).spawn({
+            let master = master.clone();
+            move || read_at_once(&master, to_board)
+        })?;
+        Ok(Self { master, read, device, link: None })
     }
 
     /// What to tell the user.
@@ -72,9 +86,8 @@ impl Pty {
 
     /// Whether a host has the device open.
     pub fn is_open(&self) -> bool {
-        let mut fds = [PollFd::new(&self.master, PollFlags::IN)];
         let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
-        poll(&mut fds, Some(&at_once)).is_ok() && !fds[0].revents().contains(PollFlags::HUP)
+        is_open(&self.master, Some(&at_once))
     }
 
     /// Forgets what the last host has not read.
@@ -85,19 +98,19 @@ impl Pty {
     }
 
     /// Reads what a host has sent, without waiting; 0 when there is nothing.
-    pub fn read(&self, buffer: &mut [u8]) -> usize {
-        rustix::io::read(&self.master, buffer).unwrap_or(0)
+    pub fn read(&mut self, buffer: &mut [u8]) -> usize {
+        self.read.read(buffer).unwrap_or(0)
     }
 
     /// Writes what there is room for; 0 when there is none.
     pub fn write(&self, bytes: &[u8]) -> usize {
-        rustix::io::write(&self.master, bytes).unwrap_or(0)
+        rustix::io::write(&*self.master, bytes).unwrap_or(0)
     }
 }
 
 impl AsFd for Pty {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.master.as_fd()
+        self.read.as_fd()
     }
 }
 
@@ -109,4 +122,55 @@ impl Drop for Pty {
             let _ = fs::remove_file(link);
         }
     }
+}
+
+/// Waits for something to read, or for so long at the most. Whether a host has the device open.
+fn is_open(master: &OwnedFd, time: Option<&Timespec>) -> bool {
+    let mut fds = [PollFd::new(master, PollFlags::IN)];
+    poll(&mut fds, time).is_ok() && !fds[0].revents().contains(PollFlags::HUP)
+}
+
+/// Reads what hosts send, for as long as the board runs.
+fn read_at_once(master: &OwnedFd, mut to_board: PipeWriter) {
+    let mut buffer = [0; 4096];
+    loop {
+        let is_open = is_open(master, None);
+        // A host may have written something before it closed the device.
+        if let Ok(count @ 1..) = rustix::io::read(master, &mut buffer) {
+            if to_board.write_all(&buffer[..count]).is_err() {
+                return; // The board has ended.
+            }
+        } else if !is_open {
+            // However short it was open: `stty` is quick.
+            let _ = make_raw(master);
+            std::thread::sleep(CLOSED);
+        }
+    }
+}
+
+/// Makes the terminal raw, unless it is. Its master will do to tell it so, though nobody has it open.
+fn make_raw(terminal: impl AsFd) -> std::io::Result<()> {
+    let mut attributes = tcgetattr(&terminal)?;
+    let line = LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG | LocalModes::IEXTEN;
+    if attributes.local_modes.intersects(line)
+        || attributes.output_modes.contains(OutputModes::OPOST)
+        || !attributes.input_modes.is_empty()
+    {
+        attributes.make_raw();
+        // Not all of the input's are among those that make a terminal raw: IXOFF is not.
+        attributes.input_modes = InputModes::empty();
+        tcsetattr(&terminal, OptionalActions::Now, &attributes)?;
+    }
+    Ok(())
+}
+
+/// Whether a link is a board's that was killed: to a device that is gone, or whose number another
+/// terminal has taken since. A board makes its device first, and then the link.
+fn is_left_behind(link: &Path) -> bool {
+    let Ok(of_link) = link.symlink_metadata() else { return false };
+    let of_device = link.metadata();
+    let is_younger = |device: fs::Metadata| {
+        (device.ctime(), device.ctime_nsec()) > (of_link.ctime(), of_link.ctime_nsec())
+    };
+    of_link.is_symlink() && of_device.map_or(true, is_younger)
 }

@@ -3,7 +3,7 @@
 
 use hal_mock::plant::{Ax12, Surroundings};
 use hal_mock::servo_bus::{Faults, ServoBus};
-use protocol::dynamixel::Register;
+use protocol::dynamixel::{Errors, Register};
 use serde_json::{Map, Value, json};
 
 use crate::values;
@@ -49,6 +49,28 @@ pub fn faults(list: &str) -> Result<Faults, String> {
         ))?;
     }
     Ok(faults)
+}
+
+/// What [`set`] knows.
+pub const SETTABLE: [&str; 6] =
+    ["unplug", "replug", "jammed", "dropped_ppm", "flipped_ppm", "stalled_ppm"];
+
+/// What of it is not as it was in the beginning. `ids` as for [`set`].
+pub fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Value> {
+    let of = |what: &dyn Fn(&Ax12, bool) -> bool| {
+        let such =
+            ids.iter().zip(bus.servos()).filter(|(_, (servo, plugged))| what(servo, *plugged));
+        let ids: Vec<u8> = such.map(|(id, _)| *id).collect();
+        (!ids.is_empty()).then_some(ids)
+    };
+    let rate = |ppm: u32| (ppm > 0).then_some(ppm);
+    values::that_are_set(json!({
+        "unplug": of(&|_, plugged| !plugged),
+        "jammed": of(&|servo, _| servo.surroundings.jammed),
+        "dropped_ppm": rate(faults.dropped_ppm),
+        "flipped_ppm": rate(faults.flipped_ppm),
+        "stalled_ppm": rate(faults.stalled_ppm),
+    }))
 }
 
 /// Changes the bus and its servos as the inspector asks. `ids` are the IDs that they had in the
@@ -99,7 +121,7 @@ pub fn set(
             "dropped_ppm" => &mut rates.dropped_ppm,
             "flipped_ppm" => &mut rates.flipped_ppm,
             "stalled_ppm" => &mut rates.stalled_ppm,
-            _ => return Err(format!("{key}: nothing of this name can be set")),
+            _ => return Err(format!("{key}: cannot be set")),
         };
         *rate = values::number(key, value, CERTAIN_PPM)?.unwrap_or(0);
     }
@@ -160,16 +182,10 @@ pub fn positions<'a>(servos: impl Iterator<Item = (&'a Ax12, bool)>) -> String {
     positions.collect::<Vec<_>>().join(",")
 }
 
-/// A servo in a line.
-pub fn line(servo: &Ax12, plugged: bool) -> String {
-    format!(
-        "servo {:3} {:4} goal {:4} torque {} {}",
-        servo.id(),
-        servo.get(Register::PRESENT_POSITION),
-        servo.get(Register::GOAL_POSITION),
-        if servo.is_driven() { " on" } else { "off" },
-        if plugged { servo.errors().to_string() } else { "unplugged".into() },
-    )
+/// What is wrong with servos, by their own account.
+pub fn errors<'a>(servos: impl Iterator<Item = (&'a Ax12, bool)>) -> Vec<String> {
+    let wrong = servos.filter(|(servo, plugged)| *plugged && servo.errors() != Errors::NONE);
+    wrong.map(|(servo, _)| format!("servo {}: {}", servo.id(), servo.errors())).collect()
 }
 
 /// A servo for the inspector. Temperature, voltage, load and `jammed` are its world, as they can be

@@ -1,6 +1,6 @@
 //! Numbers and lists of the inspector's questions, checked.
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 /// `N` numbers from 0 to `most`; null in place of one, or of all, is the simulation's own.
 pub fn numbers<T: TryFrom<u64>, const N: usize>(
@@ -39,4 +39,14 @@ pub fn list<T, const N: usize>(
         }
     }
     Some(list)
+}
+
+/// What of an object's values is set: not null, nor a list of nothing but null.
+pub fn that_are_set(values: Value) -> Map<String, Value> {
+    let is_set = |value: &Value| match value {
+        Value::Array(list) => !list.iter().all(Value::is_null),
+        value => !value.is_null(),
+    };
+    let Value::Object(values) = values else { return Map::new() };
+    values.into_iter().filter(|(_, value)| is_set(value)).collect()
 }
