@@ -7,7 +7,7 @@ use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{self, Faults};
 use hal_mock::wire::Line;
-use protocol::cm5::{self, MAX_PACKET, Packet};
+use protocol::cm5::{self, MAX_PACKET};
 use protocol::dynamixel::Register;
 use serde_json::{Map, Value, json};
 
@@ -170,7 +170,10 @@ fn of_bridge(counters: &BridgeCounters) -> Value {
 
 /// The packets of a PC, for the log.
 const FORMAT: Format = Format {
-    sealed: |packet| Some(Packet::parse(packet)?.encode(&mut [0; MAX_PACKET]).ok()?.to_vec()),
+    sealed: |packet| {
+        let params = cm5::params_of(packet)?;
+        Some(cm5::encode([params], &mut [0; MAX_PACKET]).ok()?.to_vec())
+    },
     checksum: (1, 0),
     remark: |_| None,
 };

@@ -161,7 +161,13 @@ impl Guest {
 
     /// What tells that it says something, if there is any use in waiting for it.
     pub fn watch(&self) -> Option<BorrowedFd<'_>> {
-        (!self.has_ended && !self.is_doubtful).then(|| self.stream.as_fd())
+        (!self.has_ended && !self.is_doubtful).then(|| self.as_fd())
+    }
+}
+
+impl AsFd for Guest {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.stream.as_fd()
     }
 }
 
