@@ -8,7 +8,8 @@ use protocol::pms5005::extension::{
     Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
 };
 use protocol::pms5005::{
-    Channel, Command, EncodeError, Frame, Quantity, Repeat, Reports, Scope, did,
+    Channel, Command, EncodeError, Frame, Gain, Loop, Method, Parameter, Polarity, Quantity,
+    Repeat, Reports, Scope, Sensor, did,
 };
 use tests::Link::Silent;
 use tests::extension::assign;
@@ -427,4 +428,67 @@ fn a_fault_that_is_asked_for_in_a_crowd_is_told_when_there_is_room_and_counted_o
     let link = bench.board.link();
     assert!(link.answers_dropped > 0);
     assert_eq!(link.answers_sent + link.answers_dropped, 61);
+}
+
+/// Of channel 1: Kp of the velocity loop, Kd and Ki of the position loop, sensor, method, polarity.
+const CHANNEL_1: [u16; 6] = [221, 219, 220, 224, 225, 226];
+
+fn channel_1(bench: &mut Bench) -> [i32; 6] {
+    CHANNEL_1.map(|number| bench.value(number))
+}
+
+#[test]
+fn gains_sensor_method_and_polarity_are_settings_that_outlive_a_restart() {
+    let flash = Flash::empty();
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(channel_1(&mut bench), [50, 5, 0, 0, 0, 0]);
+    let values = [22, 7, 170, 3, 3, 1];
+    let all: Vec<_> = CHANNEL_1.into_iter().zip(values).collect();
+    assert_eq!(bench.set(&all).0, Verdict::Done);
+    assert_eq!(channel_1(&mut bench), values);
+    assert_eq!(bench.act(Action::Save), Verdict::Done);
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(channel_1(&mut bench), values);
+    // They are in force: the method refuses another, the polarity turns the bridge round.
+    bench.drive(Quantity::Position, 1, 100, 0);
+    bench.drive(Quantity::Velocity, 1, 1000, 0);
+    bench.run_alive_ms(50);
+    assert_eq!(bench.board.snapshot().counters.refused, 1);
+    assert!(bench.bridge(1).0 < 0, "{:?}", bench.bridge(1));
+    // A sensor that the channel does not have.
+    assert_eq!(bench.set(&[(254, 3)]), (Verdict::Contradiction, 254));
+    assert_eq!(bench.set(&[(244, 2)]), (Verdict::Contradiction, 244));
+    assert_eq!(bench.set(&[(234, 2)]).0, Verdict::Done);
+}
+
+#[test]
+fn what_an_old_host_configures_is_in_force_and_stored_only_if_a_save_follows() {
+    let flash = Flash::empty();
+    let wheel = Channel::ALL[1];
+    let configure = |bench: &mut Bench| {
+        bench.configure(&[
+            Parameter::Gain(wheel, Loop::Velocity, Gain::Proportional(22)),
+            Parameter::Gain(wheel, Loop::Position, Gain::Derivative(7)),
+            Parameter::Gain(wheel, Loop::Position, Gain::Integral { integer: 170, fraction: 0 }),
+            Parameter::Sensor(wheel, Sensor::Encoder),
+            Parameter::Method(wheel, Method::Velocity),
+            Parameter::Polarity(wheel, Polarity::Negative),
+        ]);
+        bench.run_ms(20);
+        bench.received();
+    };
+    let mut bench = Bench::with_flash(&flash);
+    configure(&mut bench);
+    // In force, and told so.
+    assert_eq!(channel_1(&mut bench), [22, 7, 170, 3, 3, 1]);
+    // Not stored.
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(channel_1(&mut bench), [50, 5, 0, 0, 0, 0]);
+    configure(&mut bench);
+    assert_eq!(bench.act(Action::Save), Verdict::Done);
+    let mut bench = Bench::with_flash(&flash);
+    assert_eq!(channel_1(&mut bench), [22, 7, 170, 3, 3, 1]);
+    // And back to what the original is.
+    assert_eq!(bench.act(Action::FactoryReset), Verdict::Done);
+    assert_eq!(channel_1(&mut bench), [50, 5, 0, 0, 0, 0]);
 }

@@ -7,13 +7,13 @@
 use std::thread;
 
 use embassy_time::Instant;
-use firmware::command::{Command, Configuration, SetUp};
+use firmware::command::Command;
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
 use firmware::personality::{MAX_FRAME, Request, Session};
 use firmware::ports::Sensors;
-use firmware::settings::{Settings, SoftLimits};
+use firmware::settings::{ControlSettings, Settings, SoftLimits};
 use hal_mock::plant::{Overrides, Plant, Scene};
 use protocol::pms5005::extension::{Action, Fault, Request as Extension};
 use protocol::pms5005::{
@@ -197,12 +197,10 @@ impl Model {
         }
     }
 
-    /// New parameters were taken.
-    fn take_parameters(&mut self, configuration: &Configuration) {
-        for (reversed, channel) in self.reversed.iter_mut().zip(configuration.channels) {
-            if let Some(polarity) = channel.polarity {
-                *reversed = polarity == Polarity::Negative;
-            }
+    /// New settings were taken.
+    fn take_settings(&mut self, settings: &ControlSettings) {
+        for (reversed, channel) in self.reversed.iter_mut().zip(&settings.channels) {
+            *reversed = channel.polarity == Polarity::Negative;
         }
     }
 
@@ -309,11 +307,13 @@ fn chaos(seed: u64) -> [u32; 32] {
 
         // A frame at a time, so that it is known which of them was refused.
         let signs = session.signs_of_life();
-        let mut set_up = None;
+        let mut adopted = None;
         let command = loop {
             match session.receive(&mut bytes, now) {
                 Some(Request::Control(command)) => {
-                    set_up = session.take_set_up();
+                    if matches!(command, Command::Adopt) {
+                        adopted = Some(session.settings().control);
+                    }
                     break Some(command);
                 }
                 Some(_) => {}
@@ -333,11 +333,11 @@ fn chaos(seed: u64) -> [u32; 32] {
             sensors = plant.sensors();
         }
         let before = snapshot;
-        if let Some(SetUp::Parameters(configuration)) = &set_up {
-            model.take_parameters(configuration);
+        if let Some(settings) = &adopted {
+            model.take_settings(settings);
         }
         snapshot =
-            controller.step(command, || set_up.take(), &motion, &sensors, session.signs_of_life());
+            controller.step(command, || adopted.take(), &motion, &sensors, session.signs_of_life());
         plant.outputs = snapshot.outputs;
 
         if let Some(command) = command

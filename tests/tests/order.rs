@@ -1,15 +1,16 @@
 //! What the host sends reaches the controller in the order of the line, whatever the board is doing.
 
 use embassy_time::Instant;
-use firmware::command::{Command, Configuration, SetUp};
+use firmware::command::Command;
+use firmware::control::pid::HostGains;
 use firmware::personality::pms5005::Pms5005;
 use firmware::personality::{Boot, Request, Session};
-use firmware::settings::Settings;
+use firmware::settings::{ControlSettings, Settings};
 use hal_mock::board::Make;
 use protocol::pms5005::extension::{Answer, Assignments, Request as Asked, Verdict};
 use protocol::pms5005::{
-    self as wire, Addressing, Channel, Data, Frame, Gain, Loop, Method, Move, Parameter,
-    Parameters, Quantity, Sensor, did,
+    self as wire, Addressing, Channel, Data, Frame, Gain, Loop, Method, Move, Parameter, Quantity,
+    Sensor, did,
 };
 use tests::Bench;
 
@@ -41,14 +42,14 @@ fn a_motion_command_behind_a_save_and_new_parameters_finds_them() {
     assert_eq!([0, 1, 2, 3, 4, 5].map(|motor| bench.bridge(motor)), [(2000, true); 6]);
 }
 
-/// What a session asks of the controller for one frame, and what that puts into force.
-fn asked(did: u8, data: &[u8]) -> (Vec<Request>, Option<SetUp>) {
+/// What a session asks of the controller for one frame, and what settings are in force then.
+fn asked(did: u8, data: &[u8]) -> (Vec<Request>, ControlSettings) {
     let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
     let mut buffer = [0; 264];
     let frame = Frame { rid: 1, res: 0, did, data }.encode(&mut buffer).unwrap();
     let mut bytes = &frame[..];
     let asked = std::iter::from_fn(|| session.receive(&mut bytes, Instant::MIN)).collect();
-    (asked, session.take_set_up())
+    (asked, session.settings().control)
 }
 
 #[test]
@@ -59,11 +60,14 @@ fn the_parameters_of_a_frame_are_one_command_and_so_are_settings_set_together() 
         Parameter::Gain(channel, Loop::Position, proportional).emit(&mut data).unwrap();
     }
     Parameter::CollisionProtection(true).emit(&mut data).unwrap();
-    let mut configuration = Configuration::default();
-    Parameters::parse(&data).unwrap().iter().for_each(|p| configuration.add(p).unwrap());
+    let mut settings = Settings::DEFAULT;
+    settings.control.collision.enabled = true;
+    for channel in &mut settings.control.channels {
+        channel.position = HostGains { kp: 100, ..HostGains::DEFAULT };
+    }
     let asked_for = asked(did::PARAMETERS, &data);
-    let one = vec![Request::Control(Command::SetUp)];
-    assert_eq!(asked_for, (one.clone(), Some(SetUp::Parameters(configuration))));
+    let one = vec![Request::Control(Command::Adopt)];
+    assert_eq!(asked_for, (one.clone(), settings.control));
 
     let mut settings = Settings::DEFAULT;
     let mut data = Data::new();
@@ -74,7 +78,7 @@ fn the_parameters_of_a_frame_are_one_command_and_so_are_settings_set_together() 
     }
     assert_ne!(settings.control.board_faults, Settings::DEFAULT.control.board_faults);
     let asked_for = asked(did::PARAMETERS, &data);
-    assert_eq!(asked_for, (one, Some(SetUp::Settings(settings.control))));
+    assert_eq!(asked_for, (one, settings.control));
 }
 
 #[test]

@@ -4,11 +4,11 @@
 //! Inputs come from an integer generator, not from the simulated plant, so that nothing but the
 //! controller's own arithmetic is in the digest.
 
-use firmware::command::{Command, Configuration, SetUp};
+use firmware::command::Command;
 use firmware::controller::Controller;
 use firmware::ports::{MotionInputs, Sensors};
-use firmware::settings::Settings;
-use protocol::pms5005::{Channel, Gain, Loop, Method, Parameter, Polarity, Scope, Sensor};
+use firmware::settings::{ControlSettings, Settings};
+use protocol::pms5005::{Method, Polarity, Scope, Sensor};
 
 /// FNV-1a over all outputs of all periods.
 struct Digest(u64);
@@ -21,40 +21,27 @@ impl Digest {
     }
 }
 
-fn configuration() -> SetUp {
-    let mut configuration = Configuration::default();
-    let [c0, c1, c2, c3, ..] = Channel::ALL;
-    for parameter in [
-        Parameter::Sensor(c0, Sensor::Encoder),
-        Parameter::Sensor(c2, Sensor::DualPotentiometer),
-        Parameter::Gain(c0, Loop::Position, Gain::Integral { integer: 3, fraction: 33 }),
-        Parameter::Gain(c1, Loop::Velocity, Gain::Integral { integer: 1, fraction: 7 }),
-        Parameter::Gain(c1, Loop::Velocity, Gain::Derivative(900)),
-        Parameter::Gain(c3, Loop::Position, Gain::Proportional(77)),
-    ] {
-        configuration.add(parameter).unwrap();
-    }
-    SetUp::Parameters(configuration)
+fn configure(settings: &mut ControlSettings) {
+    let [c0, c1, c2, c3, ..] = &mut settings.channels;
+    c0.sensor = Some(Sensor::Encoder);
+    c2.sensor = Some(Sensor::DualPotentiometer);
+    c0.position.ki_hundredths = 8451;
+    c1.velocity.ki_hundredths = 1793;
+    c1.velocity.kd = 900;
+    c3.position.kp = 77;
 }
 
 /// Another polarity and another method every time.
-fn toggled(period: u32) -> SetUp {
-    let mut configuration = Configuration::default();
-    let [_, c1, c2, c3, ..] = Channel::ALL;
+fn toggle(settings: &mut ControlSettings, period: u32) {
+    let [_, c1, c2, c3, ..] = &mut settings.channels;
     let odd = period / 1000 % 2 == 1;
     let (polarity, method) = match odd {
         true => (Polarity::Negative, Method::Velocity),
         false => (Polarity::Positive, Method::Position),
     };
-    for parameter in [
-        Parameter::Polarity(c1, polarity),
-        Parameter::Method(c2, method),
-        Parameter::Method(c3, method),
-        Parameter::CollisionProtection(odd),
-    ] {
-        configuration.add(parameter).unwrap();
-    }
-    SetUp::Parameters(configuration)
+    c1.polarity = polarity;
+    (c2.method, c3.method) = (Some(method), Some(method));
+    settings.collision.enabled = odd;
 }
 
 #[test]
@@ -81,9 +68,15 @@ fn the_controller_gives_these_bits_on_every_machine() {
             *reading = (*reading + random(8) as u16).saturating_sub(3).min(4095);
         }
         let all = |target: i16| [Some(target), None, Some(target), Some(target), None, None];
-        let mut set_up = match period % 1000 {
-            0 if period == 0 => Some(configuration()),
-            950 => Some(toggled(period)),
+        let mut adopted = match period % 1000 {
+            0 if period == 0 => {
+                configure(&mut settings);
+                Some(settings)
+            }
+            950 => {
+                toggle(&mut settings, period);
+                Some(settings)
+            }
             _ => None,
         };
         let commands = match period % 1000 {
@@ -107,13 +100,13 @@ fn the_controller_gives_these_bits_on_every_machine() {
             }),
             850 => Some(Command::Run { scope: Scope::All, run: period % 2000 < 1000 }),
             900 => Some(Command::Run { scope: Scope::All, run: true }),
-            _ => set_up.map(|_| Command::SetUp),
+            _ => adopted.map(|_| Command::Adopt),
         };
         // An obstacle comes and goes; the host falls silent for three seconds of every eight.
         let sonar_cm = [if period % 700 < 100 { 20 } else { 255 }; 6];
         let sensors = Sensors { sonar_cm, ..Sensors::UNKNOWN };
         let link_frames = period - period % 8000 + (period % 8000).min(5000);
-        let snapshot = controller.step(commands, || set_up.take(), &inputs, &sensors, link_frames);
+        let snapshot = controller.step(commands, || adopted.take(), &inputs, &sensors, link_frames);
         for motor in snapshot.outputs.motors {
             digest.take(motor.duty.raw().into());
         }

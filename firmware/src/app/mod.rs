@@ -36,12 +36,12 @@ use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
 use protocol::pms5005::extension::Fault;
 
-use crate::command::{Command, SetUp};
+use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
-use crate::settings::Settings;
 use crate::settings::store::Store;
+use crate::settings::{ControlSettings, Settings};
 use crate::units::CONTROL_PERIOD_MS;
 pub use bridge::{BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_transmit};
 pub use latest::Latest;
@@ -72,9 +72,9 @@ const TASKS: usize = 4;
 /// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
-    /// What is too large for that queue, one at a time: while it is copied interrupts are off, for 33
-    /// words, some 0.4 us.
-    set_ups: Channel<M, SetUp, 1>,
+    /// What a [`Command::Adopt`] puts into force, one at a time: while it is copied interrupts are off,
+    /// for some 100 words, 2 us.
+    settings: Channel<M, ControlSettings, 1>,
     pictures: Channel<M, Picture, PICTURES>,
     roll_call: RollCall<M, TASKS>,
     /// The newest state of the controller.
@@ -97,7 +97,7 @@ impl<M: RawMutex, C: Copy + Default> Channels<M, C> {
     pub fn new() -> Self {
         Self {
             commands: Channel::new(),
-            set_ups: Channel::new(),
+            settings: Channel::new(),
             pictures: Channel::new(),
             roll_call: RollCall::new(LONGEST_SILENCE),
             snapshot: Latest::new(Snapshot::BOOT),
@@ -146,7 +146,7 @@ pub async fn control<M: RawMutex, C: Copy>(
         let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
         let mut snapshot = controller.step(
             commands.take(most),
-            || channels.set_ups.try_receive().ok(),
+            || channels.settings.try_receive().ok(),
             &motion,
             &channels.sensors.get(),
             channels.signs_of_life.get(),
@@ -301,14 +301,13 @@ pub async fn link<M: RawMutex, S: Session>(
                 channels.signs_of_life.set(&session.borrow().signs_of_life());
                 match request {
                     Some(Request::Control(command)) => {
-                        if matches!(command, Command::SetUp) {
-                            // There is room when the one before is in force.
-                            while !channels.set_ups.is_empty() {
+                        if matches!(command, Command::Adopt) {
+                            // There is room when the ones before are in force.
+                            while !channels.settings.is_empty() {
                                 Timer::after(CONTROL_PERIOD).await;
                             }
-                            if let Some(set_up) = session.borrow_mut().take_set_up() {
-                                let _ = channels.set_ups.try_send(set_up);
-                            }
+                            let settings = session.borrow().settings().control;
+                            let _ = channels.settings.try_send(settings);
                         }
                         channels.commands.send(command).await;
                     }

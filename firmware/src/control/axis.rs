@@ -83,19 +83,6 @@ struct Goal {
     value: i32,
 }
 
-/// The gains of one loop, as the host numbers them and ready to multiply.
-#[derive(Clone, Copy, Debug)]
-struct Tuning {
-    host: HostGains,
-    gains: Gains,
-}
-
-impl Tuning {
-    fn new(control_loop: Loop, host: HostGains) -> Self {
-        Self { host, gains: Gains::new(control_loop, host) }
-    }
-}
-
 /// One DC channel. See the [module](self).
 #[derive(Clone, Debug)]
 pub struct Axis {
@@ -107,14 +94,13 @@ pub struct Axis {
     /// A timed move goes on to the end of its time although the host is silent.
     is_orphaned: bool,
     method: Method,
-    /// What sub-command 0E chose; until then every motion command chooses for itself.
+    /// What was chosen for all motion commands; else each chooses for itself.
     chosen_method: Option<Method>,
     sensor: Sensor,
-    sensor_chosen: bool,
     polarity: Polarity,
 
-    position: Tuning,
-    velocity: Tuning,
+    position: Gains,
+    velocity: Gains,
     /// Counts per second at full drive, and the drive of one of them, in parts of full drive.
     full_speed: i32,
     feed_forward: FixedI32<U24>,
@@ -152,13 +138,12 @@ impl Axis {
             method: Method::Pwm,
             chosen_method: None,
             sensor: Sensor::SinglePotentiometer,
-            sensor_chosen: false,
             polarity: Polarity::Positive,
-            position: Tuning::new(Loop::Position, HostGains::DEFAULT),
-            velocity: Tuning::new(Loop::Velocity, HostGains::DEFAULT),
+            position: Gains::new(Loop::Position, HostGains::DEFAULT),
+            velocity: Gains::new(Loop::Velocity, HostGains::DEFAULT),
             full_speed: 0,
             feed_forward: FixedI32::ZERO,
-            settings: ChannelSettings::NONE,
+            settings: ChannelSettings::DEFAULT,
             soft_limits: SoftLimits::NONE,
             track: Track::new(Sensor::SinglePotentiometer, &SoftLimits::NONE),
             oldest: 0,
@@ -179,11 +164,6 @@ impl Axis {
     /// The sensor in use.
     pub fn sensor(&self) -> Sensor {
         self.sensor
-    }
-
-    /// Whether sub-command 0D has chosen the sensor.
-    pub fn sensor_is_chosen(&self) -> bool {
-        self.sensor_chosen
     }
 
     /// What its set-point means.
@@ -322,23 +302,21 @@ impl Axis {
         self.is_orphaned = false;
     }
 
-    /// Sub-command 0E. A running channel takes up the new method where it is: a velocity that it
-    /// was driven at is kept, a position is held, a PWM stays as it is.
-    pub fn set_method(&mut self, method: Method, now: Reading) {
-        self.chosen_method = Some(method);
-        if method != self.method {
-            let driven = self.method == Method::Pwm && self.set_point != 0;
-            self.start_over(method, now);
-            if self.state == State::Running && method == Method::Velocity && !driven {
-                self.head_for(Goal { method, value: 0 }, 0, now);
-            }
+    /// Chooses the method of all motion commands to come, or leaves it to them. A running channel takes up
+    /// the new method where it is: a velocity that it was driven at is kept, a position is held, a PWM
+    /// stays as it is.
+    pub fn set_method(&mut self, chosen: Option<Method>, now: Reading) {
+        self.chosen_method = chosen;
+        let Some(method) = chosen.filter(|&method| method != self.method) else { return };
+        let driven = self.method == Method::Pwm && self.set_point != 0;
+        self.start_over(method, now);
+        if self.state == State::Running && method == Method::Velocity && !driven {
+            self.head_for(Goal { method, value: 0 }, 0, now);
         }
     }
 
-    /// Sub-command 0D, or what a command implies until then. `now` is the new sensor's reading;
-    /// a running loop holds there.
-    pub fn set_sensor(&mut self, sensor: Sensor, chosen: bool, now: Reading) {
-        self.sensor_chosen |= chosen;
+    /// What measures the shaft from now on. `now` is the new sensor's reading; a running loop holds there.
+    pub fn set_sensor(&mut self, sensor: Sensor, now: Reading) {
         if sensor != self.sensor {
             self.sensor = sensor;
             self.track = Track::new(sensor, &self.soft_limits);
@@ -349,7 +327,7 @@ impl Axis {
         }
     }
 
-    /// Sub-command 06. A running velocity loop goes on to its goal, a position loop holds.
+    /// Which way the bridge is wired. A running velocity loop goes on to its goal, a position loop holds.
     pub fn set_polarity(&mut self, polarity: Polarity, now: Reading) {
         if polarity != self.polarity {
             self.polarity = polarity;
@@ -368,42 +346,26 @@ impl Axis {
         }
     }
 
-    /// Sub-commands 07 and 08. What an integral has gathered goes with its gain, over
-    /// [`HANDOVER`] periods.
-    pub fn set_gains(&mut self, control_loop: Loop, gains: HostGains) {
-        let tuning = Tuning::new(control_loop, gains);
-        *self.tuning(control_loop) = tuning;
-        let is_in_use = match self.method {
-            Method::Pwm => false,
-            Method::Position => control_loop == Loop::Position,
-            Method::Velocity => control_loop == Loop::Velocity,
-        };
-        if is_in_use && !tuning.gains.has_integral() && self.pid != Pid::new() {
-            self.pid = Pid::new();
-            self.old_drive = self.drive;
-            self.handover = HANDOVER;
-        }
-    }
-
-    /// The gains in use, as the host numbers them.
-    pub fn gains(&mut self, control_loop: Loop) -> HostGains {
-        self.tuning(control_loop).host
-    }
-
-    fn tuning(&mut self, control_loop: Loop) -> &mut Tuning {
-        match control_loop {
-            Loop::Position => &mut self.position,
-            Loop::Velocity => &mut self.velocity,
-        }
-    }
-
-    /// Goes by these settings from now on, as the channel of this index.
+    /// Goes by these gains, limits and speeds from now on, as the channel of this index. What an integral
+    /// has gathered goes with its gain, over [`HANDOVER`] periods.
     pub fn adopt(&mut self, settings: &ControlSettings, index: usize) {
         let full_speed = settings.full_speed(self.sensor);
         self.full_speed = i32::try_from(full_speed).unwrap_or(i32::MAX);
         self.feed_forward =
             FixedI32::<U24>::ONE.checked_div_int(self.full_speed).unwrap_or(FixedI32::ZERO);
-        self.settings = settings.channels.get(index).copied().unwrap_or(ChannelSettings::NONE);
+        self.settings = settings.channels.get(index).copied().unwrap_or(ChannelSettings::DEFAULT);
+        self.position = Gains::new(Loop::Position, self.settings.position);
+        self.velocity = Gains::new(Loop::Velocity, self.settings.velocity);
+        let has_integral = match self.method {
+            Method::Pwm => true,
+            Method::Position => self.position.has_integral(),
+            Method::Velocity => self.velocity.has_integral(),
+        };
+        if !has_integral && self.pid != Pid::new() {
+            self.pid = Pid::new();
+            self.old_drive = self.drive;
+            self.handover = HANDOVER;
+        }
         self.soft_limits = settings.soft_limits.get(index).copied().unwrap_or(SoftLimits::NONE);
         self.track = Track::new(self.sensor, &self.soft_limits);
         self.oldest = settings.oldest_command;
@@ -507,7 +469,7 @@ impl Axis {
         // On a ramp the shaft is meant to move: only what differs from the slope is damped.
         let rate = now.velocity.saturating_sub(slope);
         let error = Error::of_position(error);
-        self.pid.step(&self.position.gains, error, rate, self.forward(slope), limits)
+        self.pid.step(&self.position, error, rate, self.forward(slope), limits)
     }
 
     fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> Drive {
@@ -515,7 +477,7 @@ impl Axis {
         let error = Error::of_velocity(set_point.saturating_sub(now.velocity));
         // Half of it: the motor may be faster than the setting says, and the loop adds what is missing.
         let forward = self.forward(set_point).wrapping_shr(1);
-        self.pid.step(&self.velocity.gains, error, rate, forward, limits)
+        self.pid.step(&self.velocity, error, rate, forward, limits)
     }
 
     /// The drive that makes this velocity, as far as is known.

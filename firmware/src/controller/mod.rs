@@ -15,12 +15,12 @@
 mod shaft;
 mod snapshot;
 
-use core::array;
+use core::{array, mem};
 
 use protocol::pms5005::extension::{Fault, FaultRecord};
-use protocol::pms5005::{CHANNELS, Channel, Loop, Method, Scope, Sensor};
+use protocol::pms5005::{CHANNELS, Channel, Method, Scope, Sensor};
 
-use crate::command::{ChannelConfiguration, Command, Configuration, ENCODERS, Refused, SetUp};
+use crate::command::{Command, ENCODERS, Refused};
 use crate::control::axis::{Axis, Reading, is_stop};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
@@ -59,8 +59,13 @@ impl Controller {
     /// The controller at boot.
     pub fn new(settings: ControlSettings) -> Self {
         let mut axes: [Axis; CHANNELS] = array::from_fn(|_| Axis::new());
-        for (i, axis) in axes.iter_mut().enumerate() {
+        for ((i, axis), channel) in axes.iter_mut().enumerate().zip(&settings.channels) {
+            if let Some(sensor) = channel.sensor {
+                axis.set_sensor(sensor, Reading::default());
+            }
             axis.adopt(&settings, i);
+            axis.set_polarity(channel.polarity, Reading::default());
+            axis.set_method(channel.method, Reading::default());
         }
         Self {
             settings,
@@ -92,13 +97,13 @@ impl Controller {
 
     /// One control period.
     ///
-    /// `set_up` takes what waits for a [`Command::SetUp`]. `signs_of_life` is a count that changes with
+    /// `settings` takes what waits for a [`Command::Adopt`]. `signs_of_life` is a count that changes with
     /// every sign of life of the host. Commands that do not fit the channels' sensors or methods are
     /// refused whole and counted.
     pub fn step(
         &mut self,
         commands: impl IntoIterator<Item = Command>,
-        mut set_up: impl FnMut() -> Option<SetUp>,
+        mut settings: impl FnMut() -> Option<ControlSettings>,
         motion: &MotionInputs,
         sensors: &Sensors,
         signs_of_life: u32,
@@ -106,7 +111,7 @@ impl Controller {
         self.counters.periods = self.counters.periods.wrapping_add(1);
         self.measure(motion);
         for command in commands {
-            if let Err(reason) = self.apply(&command, &mut set_up, motion) {
+            if let Err(reason) = self.apply(&command, &mut settings, motion) {
                 self.counters.refused = self.counters.refused.wrapping_add(1);
                 warning!("command refused: {}", reason);
             }
@@ -147,7 +152,7 @@ impl Controller {
             sensors: *sensors,
             outputs,
             link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
-            obstacle: self.guard.is_blocking(),
+            obstacle: blocked,
             limiting: array::from_fn(|i| self.monitors[i].limiting()),
             no_current_sensor: array::from_fn(|i| {
                 !self.settings.current_sensors[i] || self.monitors[i].current_floats()
@@ -244,7 +249,7 @@ impl Controller {
                 method: axis.method(),
                 set_point: axis.set_point(),
                 error: axis.error(reading),
-                sensor_is_chosen: axis.sensor_is_chosen(),
+                sensor_is_chosen: self.settings.channels[i].sensor.is_some(),
             };
             monitor.step(&observed, faults)
         } else {
@@ -294,22 +299,26 @@ impl Controller {
         self.faults.clear(scope, only_stops, |fault| board.lasts(fault, settings));
     }
 
-    fn set_up(&mut self, set_up: &SetUp, motion: &MotionInputs) {
-        match set_up {
-            SetUp::Parameters(Configuration { channels, collision_protection }) => {
-                for (channel, changes) in Channel::ALL.into_iter().zip(channels) {
-                    self.configure(channel, changes, motion);
-                }
-                self.guard.enabled = collision_protection.unwrap_or(self.guard.enabled);
+    /// Goes by these settings from now on. What of a channel has not changed stays as it is.
+    fn adopt(&mut self, settings: &ControlSettings, motion: &MotionInputs) {
+        let before = mem::replace(&mut self.settings, *settings);
+        if settings.board_faults != before.board_faults {
+            self.board.forget_looks();
+        }
+        for channel in Channel::ALL {
+            let i = channel.index();
+            let (old, new) = (&before.channels[i], &settings.channels[i]);
+            if let Some(sensor) = new.sensor
+                && new.sensor != old.sensor
+            {
+                self.set_sensor(channel, sensor, motion);
             }
-            SetUp::Settings(settings) => {
-                if settings.board_faults != self.settings.board_faults {
-                    self.board.forget_looks();
-                }
-                self.settings = *settings;
-                for (i, axis) in self.axes.iter_mut().enumerate() {
-                    axis.adopt(&self.settings, i);
-                }
+            let reading = self.reading(channel);
+            let axis = &mut self.axes[i];
+            axis.adopt(settings, i);
+            axis.set_polarity(new.polarity, reading);
+            if new.method != old.method {
+                axis.set_method(new.method, reading);
             }
         }
     }
@@ -317,7 +326,7 @@ impl Controller {
     fn apply(
         &mut self,
         command: &Command,
-        set_up: &mut impl FnMut() -> Option<SetUp>,
+        settings: &mut impl FnMut() -> Option<ControlSettings>,
         motion: &MotionInputs,
     ) -> Result<(), Refused> {
         match *command {
@@ -333,9 +342,9 @@ impl Controller {
                 }
                 Ok(())
             }
-            Command::SetUp => {
-                if let Some(set_up) = set_up() {
-                    self.set_up(&set_up, motion);
+            Command::Adopt => {
+                if let Some(settings) = settings() {
+                    self.adopt(&settings, motion);
                 }
                 Ok(())
             }
@@ -408,7 +417,7 @@ impl Controller {
             self.stopped_by_host(channel, motion);
         }
         for (channel, target) in moves().filter(|&(channel, _)| !latched.stops_motor(channel)) {
-            self.set_sensor(channel, self.sensor_for(channel, method), false, motion);
+            self.set_sensor(channel, self.sensor_for(channel, method), motion);
             let reading = self.reading(channel);
             self.axes[channel.index()].go(method, target, periods, reading);
         }
@@ -418,43 +427,12 @@ impl Controller {
     /// What a motion command of this method is measured by. Hosts exist that never choose a sensor and
     /// expect closed loops over the encoders.
     fn sensor_for(&self, channel: Channel, method: Method) -> Sensor {
-        let axis = &self.axes[channel.index()];
-        let is_implied = !axis.sensor_is_chosen() && channel.index() < ENCODERS;
-        if is_implied && method != Method::Pwm { Sensor::Encoder } else { axis.sensor() }
+        let i = channel.index();
+        let is_implied = self.settings.channels[i].sensor.is_none() && i < ENCODERS;
+        if is_implied && method != Method::Pwm { Sensor::Encoder } else { self.axes[i].sensor() }
     }
 
-    fn configure(
-        &mut self,
-        channel: Channel,
-        changes: &ChannelConfiguration,
-        motion: &MotionInputs,
-    ) {
-        if let Some(sensor) = changes.sensor {
-            self.set_sensor(channel, sensor, true, motion);
-        }
-        let reading = self.reading(channel);
-        let axis = &mut self.axes[channel.index()];
-        for (control_loop, gains) in
-            [(Loop::Position, &changes.position), (Loop::Velocity, &changes.velocity)]
-        {
-            let before = axis.gains(control_loop);
-            axis.set_gains(control_loop, gains.apply(before, self.settings.ki_reading));
-        }
-        if let Some(polarity) = changes.polarity {
-            axis.set_polarity(polarity, reading);
-        }
-        if let Some(method) = changes.method {
-            axis.set_method(method, reading);
-        }
-    }
-
-    fn set_sensor(
-        &mut self,
-        channel: Channel,
-        sensor: Sensor,
-        chosen: bool,
-        motion: &MotionInputs,
-    ) {
+    fn set_sensor(&mut self, channel: Channel, sensor: Sensor, motion: &MotionInputs) {
         let i = channel.index();
         if sensor != self.axes[i].sensor() {
             self.angles[i] = Shaft::default();
@@ -464,7 +442,7 @@ impl Controller {
             }
         }
         let reading = self.reading_by(channel, sensor);
-        self.axes[i].set_sensor(sensor, chosen, reading);
+        self.axes[i].set_sensor(sensor, reading);
         self.axes[i].adopt(&self.settings, i);
     }
 }

@@ -15,7 +15,7 @@ use protocol::pms5005::extension::{
 use protocol::pms5005::{Repeat, Scope, did, extension};
 
 use super::{Request, Upkeep, UpkeepRefused, count};
-use crate::command::{Command, SetUp};
+use crate::command::Command;
 use crate::controller::{ShownFault, Snapshot};
 use crate::ports::Program;
 use crate::settings::{SettingRefused, Settings};
@@ -100,8 +100,6 @@ pub(super) enum Owed {
 pub(super) struct Extension {
     /// The settings in force. Only this session changes them.
     settings: Settings,
-    /// What the controller is to be told next.
-    set_up: Option<SetUp>,
     boot: Boot,
     booted: Instant,
     owed: Deque<Owed, ANSWERS_WAITING>,
@@ -114,31 +112,12 @@ pub(super) struct Extension {
 
 impl Extension {
     pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
-        Self {
-            settings,
-            set_up: None,
-            boot,
-            booted: now,
-            owed: Deque::new(),
-            upkeep: None,
-            asked_fault: None,
-        }
+        Self { settings, boot, booted: now, owed: Deque::new(), upkeep: None, asked_fault: None }
     }
 
     /// The settings in force.
     pub(super) fn settings(&self) -> &Settings {
         &self.settings
-    }
-
-    /// Puts parameters or settings into force in the controller.
-    pub(super) fn set_up(&mut self, set_up: SetUp) -> Request {
-        self.set_up = Some(set_up);
-        Request::Control(Command::SetUp)
-    }
-
-    /// What that request puts into force.
-    pub(super) fn take_set_up(&mut self) -> Option<SetUp> {
-        self.set_up.take()
     }
 
     /// What is to be saved.
@@ -263,9 +242,9 @@ impl Extension {
     }
 
     /// Puts settings into force here, and yields what does so in the controller.
-    fn force(&mut self, settings: Settings) -> Request {
+    pub(super) fn force(&mut self, settings: Settings) -> Request {
         self.settings = settings;
-        self.set_up(SetUp::Settings(settings.control))
+        Request::Control(Command::Adopt)
     }
 
     fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {

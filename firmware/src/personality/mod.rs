@@ -14,7 +14,7 @@ mod reception;
 
 use embassy_time::Instant;
 
-use crate::command::{Command, SetUp};
+use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::ports::Program;
 use crate::settings::Settings;
@@ -29,8 +29,8 @@ pub const MAX_FRAME: usize = 84;
 /// What a host asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
-    /// Something of the controller. What a [`Command::SetUp`] puts into force,
-    /// [`take_set_up`](Session::take_set_up) tells.
+    /// Something of the controller. What a [`Command::Adopt`] puts into force,
+    /// [`settings`](Session::settings) tells.
     Control(Command),
     /// To show a sixteenth of an image.
     Show(Picture),
@@ -78,8 +78,8 @@ pub trait Session {
     /// has been waiting for its rest too long.
     fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request>;
 
-    /// What the [`Command::SetUp`] that it has just asked for puts into force.
-    fn take_set_up(&mut self) -> Option<SetUp>;
+    /// The settings in force.
+    fn settings(&self) -> &Settings;
 
     /// The settings that the [`Upkeep::Save`] that it has just asked for saves.
     fn to_save(&self) -> &Settings;

@@ -10,8 +10,6 @@ use crate::settings::CollisionSettings;
 /// drives backwards.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CollisionGuard {
-    /// Whether a host has switched it on.
-    pub enabled: bool,
     blocked: bool,
 }
 
@@ -29,12 +27,7 @@ impl CollisionGuard {
             .enumerate()
             .any(|(i, &range)| (settings.sonar_forward >> i) & 1 == 1 && range <= sonar_limit);
         self.blocked = sonar || sensors.ir_range >= ir_limit;
-        self.enabled && self.blocked
-    }
-
-    /// Whether forward drive is forbidden now.
-    pub fn is_blocking(&self) -> bool {
-        self.enabled && self.blocked
+        settings.enabled && self.blocked
     }
 }
 
@@ -45,8 +38,8 @@ mod tests {
 
     #[test]
     fn the_guard_has_hysteresis_and_starts_at_its_thresholds() {
-        let settings = Settings::DEFAULT.control.collision;
-        let mut guard = CollisionGuard { enabled: true, ..Default::default() };
+        let settings = CollisionSettings { enabled: true, ..Settings::DEFAULT.control.collision };
+        let mut guard = CollisionGuard::default();
         let mut blocks = |sonar, ir_range| {
             let sensors = Sensors { sonar_cm: [sonar; 6], ir_range, ..Sensors::UNKNOWN };
             guard.step(&sensors, &settings)

@@ -10,8 +10,11 @@ pub mod store;
 pub mod table;
 
 use protocol::arcos::JointInfo;
-use protocol::pms5005::Sensor;
+use protocol::pms5005::{CHANNELS, Method, Polarity, Sensor};
 
+use crate::command::ENCODERS;
+use crate::control::pid::HostGains;
+use crate::control::potentiometer;
 use crate::units::{Duty, ServoPulse};
 
 pub use numbered::SettingRefused;
@@ -70,10 +73,21 @@ impl SoftLimits {
     }
 }
 
-/// What a DC channel's drive and set-point are held to. None of it lengthens a stop.
+/// A DC channel: how it is wired and controlled, and what its drive and set-point are held to. None of
+/// the latter lengthens a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ChannelSettings {
+    /// The gains of the position loop.
+    pub position: HostGains,
+    /// The gains of the velocity loop.
+    pub velocity: HostGains,
+    /// What measures the shaft; `None` leaves it to the motion commands.
+    pub sensor: Option<Sensor>,
+    /// What set-points mean; `None` leaves it to the motion commands.
+    pub method: Option<Method>,
+    /// Which way the bridge is wired.
+    pub polarity: Polarity,
     /// Milliseconds from no drive to full drive; 0 is at once.
     pub slew_ms: u16,
     /// Counts per second and second of a closed loop's set-point; 0 is any.
@@ -85,13 +99,29 @@ pub struct ChannelSettings {
 }
 
 impl ChannelSettings {
-    /// Held to nothing.
-    pub const NONE: Self = Self {
+    /// As the original is at boot, held to nothing.
+    pub const DEFAULT: Self = Self {
+        position: HostGains::DEFAULT,
+        velocity: HostGains::DEFAULT,
+        sensor: None,
+        method: None,
+        polarity: Polarity::Positive,
         slew_ms: 0,
         acceleration: 0,
         highest_duty: Duty::FULL.unsigned_abs(),
         integral_share: Duty::FULL.unsigned_abs(),
     };
+}
+
+/// Whether a channel has such a sensor: only channels 0 and 1 have encoders, only channels 0 to 2 pairs
+/// of potentiometers.
+pub(crate) fn has_sensor(channel: usize, sensor: Sensor) -> bool {
+    let channels = match sensor {
+        Sensor::SinglePotentiometer => CHANNELS,
+        Sensor::DualPotentiometer => potentiometer::PAIRS.len(),
+        Sensor::Encoder => ENCODERS,
+    };
+    channel < channels
 }
 
 impl ControlSettings {

@@ -3,7 +3,7 @@
 use protocol::pms5005::extension::Description;
 
 use super::table::{Row, TABLE, row};
-use super::{Settings, joint_pulse};
+use super::{Settings, has_sensor, joint_pulse};
 use crate::units::ServoPulse;
 
 /// Why a setting does not take a value.
@@ -21,6 +21,7 @@ pub enum SettingRefused {
 const SONAR_CLEAR: &Row = row("sonar clear");
 const INFRARED_CLEAR: &Row = row("infrared clear");
 const SOFT_LIMIT_HIGH: &Row = row("soft limit high");
+const SENSOR: &Row = row("sensor");
 const JOINT_HOME: &Row = row("joint home");
 const JOINT_MAX: &Row = row("joint max");
 const JOINT_TICKS_PER_90: &Row = row("joint ticks per 90");
@@ -69,6 +70,11 @@ impl Settings {
         for (n, soft) in self.control.soft_limits.iter().enumerate() {
             if soft.high < soft.low {
                 return contradiction(SOFT_LIMIT_HIGH, n);
+            }
+        }
+        for (n, channel) in self.control.channels.iter().enumerate() {
+            if channel.sensor.is_some_and(|sensor| !has_sensor(n, sensor)) {
+                return contradiction(SENSOR, n);
             }
         }
         for (n, joint) in self.arm.joints.iter().enumerate() {

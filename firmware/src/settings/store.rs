@@ -36,7 +36,7 @@ const HEADER: [u8; 5] = *b"OMSC\x01";
 /// Bytes of one setting: number and value.
 const ENTRY: usize = 6;
 /// Room for the longest record, this firmware's or a newer one's.
-const RECORD: usize = 768;
+const RECORD: usize = 1280;
 /// The key of the only item.
 const KEY: u8 = 0;
 

@@ -7,8 +7,8 @@
 //! stand for no and yes. A row may hold a *bank*: the same setting of several channels or joints.
 
 use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
-use protocol::pms5005::CHANNELS;
 use protocol::pms5005::extension::Unit;
+use protocol::pms5005::{CHANNELS, Method, Polarity, Sensor};
 
 use super::{ChannelSettings, KiReading, Settings, SoftLimits};
 
@@ -72,6 +72,36 @@ impl Value for KiReading {
             2 => Self::WordHundredths,
             _ => Self::Hundredths,
         }
+    }
+}
+
+impl Value for Option<Sensor> {
+    fn get(&self) -> i32 {
+        self.map_or(0, |sensor| i32::from(sensor.number()) + 1)
+    }
+
+    fn set(&mut self, value: i32) {
+        *self = value.checked_sub(1).and_then(|number| Sensor::from_number(number as u8));
+    }
+}
+
+impl Value for Option<Method> {
+    fn get(&self) -> i32 {
+        self.map_or(0, |method| i32::from(method.number()) + 1)
+    }
+
+    fn set(&mut self, value: i32) {
+        *self = value.checked_sub(1).and_then(|number| Method::from_number(number as u8));
+    }
+}
+
+impl Value for Polarity {
+    fn get(&self) -> i32 {
+        (*self == Self::Negative).into()
+    }
+
+    fn set(&mut self, value: i32) {
+        *self = if value == 0 { Self::Positive } else { Self::Negative };
     }
 }
 
@@ -274,8 +304,8 @@ settings! {
             "age of a channel's last motion command after which it stops as by silence; 0 is never";
     }
     with {
-        /// What each DC channel is held to.
-        channels: [ChannelSettings; CHANNELS] = [ChannelSettings::NONE; CHANNELS];
+        /// Each DC channel.
+        channels: [ChannelSettings; CHANNELS] = [ChannelSettings::DEFAULT; CHANNELS];
         /// Collision protection.
         collision: CollisionSettings = CollisionSettings::DEFAULT;
         /// Limits of the DC channels' positions.
@@ -303,6 +333,33 @@ settings! {
         183 + 4 * [0..=5], "integral share", Duty, 0..=16384, 16384,
             "the most that the integral of a closed loop adds to its drive",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.integral_share);
+        208 + 10 * [0..=5], "position Kp", Choice, 0..=65535, 50,
+            "as in DID 7, sub-command 07: see control/pid.rs for what one is worth",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.position.kp);
+        209 + 10 * [0..=5], "position Kd", Choice, 0..=65535, 5,
+            "as in DID 7, sub-command 07",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.position.kd);
+        210 + 10 * [0..=5], "position Ki", Choice, 0..=65535, 0,
+            "in hundredths, however DID 7 reads it",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.position.ki_hundredths);
+        211 + 10 * [0..=5], "velocity Kp", Choice, 0..=65535, 50,
+            "as in DID 7, sub-command 08",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity.kp);
+        212 + 10 * [0..=5], "velocity Kd", Choice, 0..=65535, 5,
+            "as in DID 7, sub-command 08",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity.kd);
+        213 + 10 * [0..=5], "velocity Ki", Choice, 0..=65535, 0,
+            "in hundredths, however DID 7 reads it",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity.ki_hundredths);
+        214 + 10 * [0..=5], "sensor", Choice, 0..=3, 0,
+            "0 as commands imply, 1 one potentiometer, 2 two, 3 the encoder; as sub-command 0D",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.sensor);
+        215 + 10 * [0..=5], "method", Choice, 0..=3, 0,
+            "0 as commands imply, 1 PWM, 2 position, 3 velocity; as sub-command 0E",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.method);
+        216 + 10 * [0..=5], "polarity", Choice, 0..=1, 0,
+            "0 positive PWM makes the sensor's counts rise, 1 fall; as sub-command 06",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.polarity);
     }
 
     /// When the collision protection (sub-command 13) holds the wheels back.
@@ -319,6 +376,8 @@ settings! {
         /// must always be possible.
         sonar_forward: u8 = 63, 20, "sonars forward", Bits, 0..=63,
             "which ultrasonic sensors look forward: bit 0 is sensor 1";
+        enabled: bool = 0 (false), 23, "collision protection", Flag, 0..=1,
+            "whether it holds the wheels back; as sub-command 13";
     }
     with {
         /// For wheels 0 and 1: whether rising counts drive the robot forward.

@@ -46,7 +46,6 @@ use protocol::pms5005::extension::{Outcome, Request as Asked};
 
 use super::extension::{Boot, Extension, Owed, Stream};
 use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused, count};
-use crate::command::SetUp;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
@@ -164,8 +163,8 @@ impl Session for PioneerArm {
         }
     }
 
-    fn take_set_up(&mut self) -> Option<SetUp> {
-        self.answers.extension.take_set_up()
+    fn settings(&self) -> &Settings {
+        self.answers.extension.settings()
     }
 
     fn to_save(&self) -> &Settings {

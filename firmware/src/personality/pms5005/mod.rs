@@ -28,11 +28,11 @@ use protocol::pms5005::{
 
 use super::extension::{Boot, Extension, Owed, Stream};
 use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused, count};
-use crate::command::{Command, Configuration, SetUp};
+use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
-use translate::{motion, report};
+use translate::{motion, report, with_parameters};
 
 /// 255/1 is answered at most this often.
 pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
@@ -130,8 +130,8 @@ impl Session for Pms5005 {
         }
     }
 
-    fn take_set_up(&mut self) -> Option<SetUp> {
-        self.answers.extension.take_set_up()
+    fn settings(&self) -> &Settings {
+        self.answers.extension.settings()
     }
 
     fn to_save(&self) -> &Settings {
@@ -333,15 +333,13 @@ impl Answers {
         match command {
             wire::Command::Move(command) => control(motion(&command)),
             wire::Command::Parameters(parameters) => {
-                let mut configuration = Configuration::default();
-                match parameters.iter().try_for_each(|parameter| configuration.add(parameter)) {
-                    Ok(()) => Some(self.extension.set_up(SetUp::Parameters(configuration))),
-                    Err(refused) => {
-                        count(&mut self.counters.refused, 1);
-                        warning!("frame not carried out: {}", refused);
-                        None
-                    }
+                let settings = with_parameters(self.extension.settings(), parameters);
+                if settings.check().is_err() {
+                    count(&mut self.counters.refused, 1);
+                    warning!("frame not carried out: a channel has no such sensor");
+                    return None;
                 }
+                Some(self.extension.force(settings))
             }
             wire::Command::GpioOutputs(outputs) => control(Command::Gpio(outputs)),
             wire::Command::Lcd(frame) => {

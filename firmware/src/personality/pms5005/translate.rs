@@ -1,11 +1,13 @@
 //! Between the wire's words and the controller's: motion commands one way, reports the other.
 
 use protocol::pms5005::{
-    CustomIoReport, Encoder, Method, MotorReport, Move, Quantity, Report, Reports, SensorReport,
+    CustomIoReport, Encoder, Gain, Loop, Method, MotorReport, Move, Parameter, Parameters,
+    Quantity, Report, Reports, SensorReport,
 };
 
 use crate::command::Command;
 use crate::controller::{EncoderReading, Snapshot};
+use crate::settings::{ControlSettings, Settings};
 use crate::units::Duty;
 
 /// The wire's motion command in the controller's vocabulary.
@@ -20,6 +22,35 @@ pub(super) fn motion(command: &Move) -> Command {
         }
         Quantity::Servo => Command::MoveServos { targets, periods },
     }
+}
+
+/// The settings with a frame's parameters. Of two values for the same the later counts.
+pub(super) fn with_parameters(settings: &Settings, parameters: Parameters<'_>) -> Settings {
+    let mut settings = *settings;
+    let ControlSettings { channels, collision, ki_reading, .. } = &mut settings.control;
+    for parameter in parameters.iter() {
+        match parameter {
+            Parameter::CollisionProtection(on) => collision.enabled = on,
+            Parameter::Polarity(channel, polarity) => channels[channel.index()].polarity = polarity,
+            Parameter::Sensor(channel, sensor) => channels[channel.index()].sensor = Some(sensor),
+            Parameter::Method(channel, method) => channels[channel.index()].method = Some(method),
+            Parameter::Gain(channel, control_loop, gain) => {
+                let channel = &mut channels[channel.index()];
+                let gains = match control_loop {
+                    Loop::Position => &mut channel.position,
+                    Loop::Velocity => &mut channel.velocity,
+                };
+                match gain {
+                    Gain::Proportional(kp) => gains.kp = kp,
+                    Gain::Derivative(kd) => gains.kd = kd,
+                    Gain::Integral { integer, fraction } => {
+                        gains.ki_hundredths = ki_reading.hundredths([integer, fraction]);
+                    }
+                }
+            }
+        }
+    }
+    settings
 }
 
 /// PWM 0 to 32767 as a raw duty. Neutral is 16384; hosts use 16383 too, and both mean stop.
