@@ -53,25 +53,22 @@ pub enum Command {
 
 const _: () = assert!(size_of::<Command>() <= 36);
 
-/// Why a command was not carried out.
+/// Why a command was not carried out: a channel does not take its target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Refused {
-    /// A channel does not take this target.
-    Axis(Channel, AxisRefusal),
+pub struct Refused {
+    /// Which.
+    pub channel: Channel,
+    /// Why not.
+    pub reason: AxisRefusal,
 }
 
 impl core::fmt::Display for Refused {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let (channel, why) = match self {
-            Self::Axis(channel, AxisRefusal::BeyondScale) => {
-                (channel, "the target lies beyond the sensor's scale")
-            }
-            Self::Axis(channel, AxisRefusal::OtherMethod) => {
-                (channel, "it was set to another method (sub-command 0E)")
-            }
-            Self::NoSuchSensor(channel) => (channel, "it has no such sensor"),
+        let why = match self.reason {
+            AxisRefusal::BeyondScale => "the target lies beyond the sensor's scale",
+            AxisRefusal::OtherMethod => "it was set to another method (sub-command 0E)",
         };
-        write!(f, "channel {}: {why}", channel.number())
+        write!(f, "channel {}: {why}", self.channel.number())
     }
 }

@@ -409,7 +409,7 @@ impl Controller {
         for (channel, target) in moves() {
             self.axes[channel.index()]
                 .check(method, target, self.sensor_for(channel, method))
-                .map_err(|reason| Refused::Axis(channel, reason))?;
+                .map_err(|reason| Refused { channel, reason })?;
         }
         // A stop that clears a latch does no more.
         let latched = self.faults.latched();

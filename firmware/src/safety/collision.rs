@@ -50,14 +50,11 @@ mod tests {
 
     #[test]
     fn sensors_that_do_not_look_forward_do_not_count() {
-        let settings =
-            CollisionSettings { sonar_forward: 0b111, ..Settings::DEFAULT.control.collision };
-        let mut guard = CollisionGuard { enabled: true, ..Default::default() };
+        let all = CollisionSettings { enabled: true, ..Settings::DEFAULT.control.collision };
+        let settings = CollisionSettings { sonar_forward: 0b111, ..all };
+        let mut guard = CollisionGuard::default();
         let behind = Sensors { sonar_cm: [255, 255, 255, 5, 5, 5], ..Sensors::UNKNOWN };
         assert!(!guard.step(&behind, &settings));
-        assert!(
-            guard.step(&behind, &Settings::DEFAULT.control.collision),
-            "where all look forward"
-        );
+        assert!(guard.step(&behind, &all), "where all look forward");
     }
 }
