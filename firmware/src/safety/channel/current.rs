@@ -104,6 +104,13 @@ impl Overload {
         reached(self.unheeded, settings.over_current_ms)
     }
 
+    /// A period without current. A motor that is cold stays cold.
+    pub(super) fn cool(&mut self, settings: &ChannelFaultSettings) {
+        if self.heat > 0 || self.recent > 0 || self.sum > 0 || self.reduction > 0 {
+            let _ = self.step(0, Duty::NEUTRAL, settings);
+        }
+    }
+
     fn end_block(&mut self, settings: &ChannelFaultSettings) {
         let mean = self.sum >> BLOCK_SHIFT;
         (self.sum, self.periods) = (0, 0);

@@ -94,6 +94,8 @@ pub struct ChannelMonitor {
     jump: Jump,
     wrong_way: WrongWay,
     hunting: Hunting,
+    /// The channel was on in the last period.
+    has_watched: bool,
 }
 
 impl ChannelMonitor {
@@ -135,14 +137,17 @@ impl ChannelMonitor {
         has_current_sensor: bool,
         settings: &ChannelFaultSettings,
     ) -> Option<Tripped> {
-        self.forget_motion();
-        let _ = self.overload.step(0, Duty::NEUTRAL, settings);
+        if core::mem::take(&mut self.has_watched) {
+            self.forget_motion();
+        }
+        self.overload.cool(settings);
         let begins_to_float = self.input.step(has_current_sensor, true, current);
         begins_to_float.then_some((Fault::CurrentSensor, [ad_word(current), 0, 0]))
     }
 
     /// One period of a channel that is on: what has tripped, if anything.
     pub fn step(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> Option<Tripped> {
+        self.has_watched = true;
         let position = word(now.reading.position);
         let values = |first| [first, now.duty.raw(), position];
         let current = ad_word(now.current);
