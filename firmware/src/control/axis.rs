@@ -22,7 +22,7 @@ use protocol::pms5005::{Loop, Method, Polarity, Sensor};
 use super::lead::{Following, Lead, Step};
 use super::pid::{Error, Gains, HostGains, Limits, Pid};
 use super::saturate;
-use super::track::Track;
+use super::track::{self, Track, last_count};
 use super::trajectory::{Course, Profile, Ramp};
 use crate::ports::MotorOutput;
 use crate::settings::{ChannelSettings, ControlSettings, SoftLimits};
@@ -36,6 +36,9 @@ const STOP_OFF: u16 = 95;
 /// When the host falls silent a position loop holds what is within so many counts of the shaft:
 /// more than a loaded joint sags, less than a way worth speaking of.
 const HOLD_BAND: Counts = Counts::const_from_int(128);
+
+/// Counts of error that drive a position loop fully at Kp 1 ([`pid`](super::pid)).
+const FULL_DRIVE_COUNTS: i32 = 1 << 15;
 
 /// What a motor makes at full drive if no setting says so: the settings' defaults.
 const DEFAULT_SPEED_ENCODER: i32 = 16_384;
@@ -107,18 +110,25 @@ pub struct Axis {
     settings: ChannelSettings,
     soft_limits: SoftLimits,
     track: Track,
-    /// How old a motion command may get, 0 for ever, and how old the last one is.
+    /// How old a motion command may get, 0 for ever, and how old the last one is; how old its timed move.
     oldest: u16,
     age: u16,
+    longest_move: u16,
 
     /// In the units of a goal of `method`.
     set_point: i32,
     /// `None` when there is nowhere to go but to stay.
     goal: Option<Goal>,
     course: Course,
+    /// The move has a time of its own.
+    is_timed: bool,
+    /// What of a move that is to go at once lies beyond what the set-point may be ahead.
+    rest: Counts,
     lead: Lead,
     pid: Pid,
     last: Reading,
+    /// The shaft is held at the soft limit that it is driven against.
+    is_at_soft_limit: bool,
     /// Logical drive of the last period, and what it was limited to.
     drive: Drive,
     limits: Limits,
@@ -148,13 +158,17 @@ impl Axis {
             track: Track::new(Sensor::SinglePotentiometer, &SoftLimits::NONE),
             oldest: 0,
             age: 0,
+            longest_move: 0,
             set_point: 0,
             goal: None,
             course: Course::NONE,
+            is_timed: false,
+            rest: Counts::ZERO,
             lead: Lead::default(),
             pid: Pid::new(),
             last: Reading { position: Counts::ZERO, velocity: CountsPerSecond::ZERO },
             drive: Drive::ZERO,
+            is_at_soft_limit: false,
             limits: Limits::FULL,
             old_drive: Drive::ZERO,
             handover: 0,
@@ -181,12 +195,17 @@ impl Axis {
         self.drive
     }
 
+    /// Whether the shaft is held at the soft limit that it is driven against.
+    pub fn is_at_soft_limit(&self) -> bool {
+        self.is_at_soft_limit
+    }
+
     /// The set-point less what is measured, in the method's unit; none for PWM.
     pub fn error(&self, now: Reading) -> Counts {
         let set_point = Counts::from_bits(self.set_point);
         match self.method {
             Method::Pwm => Counts::ZERO,
-            Method::Position => self.track.way(set_point, now.position),
+            Method::Position => self.track.difference(set_point, now.position),
             Method::Velocity => set_point.saturating_sub(now.velocity),
         }
     }
@@ -202,11 +221,7 @@ impl Axis {
     /// # Errors
     /// Says why not. A neutral PWM is a stop and always taken.
     pub fn check(&self, method: Method, target: i16, sensor: Sensor) -> Result<(), AxisRefusal> {
-        let highest = match sensor {
-            Sensor::SinglePotentiometer => 4095,
-            Sensor::DualPotentiometer => 4428,
-            Sensor::Encoder => i16::MAX,
-        };
+        let highest = last_count(sensor);
         match self.chosen_method {
             _ if method == Method::Pwm && target == 0 => Ok(()),
             Some(chosen) if chosen != method => Err(AxisRefusal::OtherMethod),
@@ -227,7 +242,7 @@ impl Axis {
         }
         let value = match method {
             Method::Pwm => target.into(),
-            Method::Position => self.track.target(self.soft_limits.clamp(target)).to_bits(),
+            Method::Position => self.track.clamp(self.track.target(target)).to_bits(),
             Method::Velocity => CountsPerSecond::from(target).to_bits(),
         };
         self.head_for(Goal { method, value }, periods, now);
@@ -275,7 +290,7 @@ impl Axis {
                 self.state = State::Stopping(STOP_OFF);
                 self.link_lost = true;
             }
-            (State::Running, Method::Position) if self.course.left() > 0 => {
+            (State::Running, Method::Position) if self.is_timed && self.course.left() > 0 => {
                 self.is_orphaned = true;
             }
             (State::Running, Method::Position) => self.hold(now),
@@ -295,16 +310,17 @@ impl Axis {
 
     /// A position loop breaks off its move and holds within the band around the shaft.
     fn hold(&mut self, now: Reading) {
-        let ahead = self.track.way(Counts::from_bits(self.set_point), now.position);
+        let ahead = self.track.difference(Counts::from_bits(self.set_point), now.position);
         let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
         self.set_point = self.track.advance(now.position, held).to_bits();
         self.course = Course::NONE;
+        self.rest = Counts::ZERO;
         self.is_orphaned = false;
     }
 
     /// Chooses the method of all motion commands to come, or leaves it to them. A running channel takes up
     /// the new method where it is: a velocity that it was driven at is kept, a position is held, a PWM
-    /// stays as it is.
+    /// stays as it is, and is neutral behind a position loop.
     pub fn set_method(&mut self, chosen: Option<Method>, now: Reading) {
         self.chosen_method = chosen;
         let Some(method) = chosen.filter(|&method| method != self.method) else { return };
@@ -369,6 +385,7 @@ impl Axis {
         self.soft_limits = settings.soft_limits.get(index).copied().unwrap_or(SoftLimits::NONE);
         self.track = Track::new(self.sensor, &self.soft_limits);
         self.oldest = settings.oldest_command;
+        self.longest_move = settings.longest_move;
     }
 
     /// One period: what the bridge is to do. `limits` bound the logical drive.
@@ -376,10 +393,13 @@ impl Axis {
         match self.state {
             State::Stopping(0) => self.stopped(),
             State::Stopping(left) => self.state = State::Stopping(left.saturating_sub(1)),
-            State::Running if self.oldest > 0 && !self.is_stop => {
+            State::Running | State::Paused if self.oldest > 0 => {
                 self.age = self.age.saturating_add(1);
-                if self.age > self.oldest {
+                if self.age > self.oldest && !self.is_stop {
                     self.link_lost(now);
+                }
+                if self.age > self.oldest.max(self.longest_move) {
+                    self.end_move(now);
                 }
             }
             State::Off | State::Running | State::Paused => {}
@@ -390,8 +410,11 @@ impl Axis {
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
         let held_back = self.is_held_back();
-        self.limits = self.narrowed(now, limits);
-        let limits = &{ self.limits };
+        self.limits = self.within_soft_limits(now, limits);
+        let (soft, drive) = (&self.limits, self.drive);
+        self.is_at_soft_limit = (soft.high < limits.high && drive >= soft.high)
+            || (soft.low > limits.low && drive <= soft.low);
+        let limits = &self.narrowed(now);
         if self.is_orphaned && (self.course.left() == 0 || held_back) {
             self.hold(now);
         }
@@ -402,9 +425,15 @@ impl Axis {
                 self.to_logical(Drive::from_bits(self.set_point))
             }
             Method::Position => {
-                let moved = self.track.moved(now.position, last.position);
-                self.lead_shaft(now, moved, slope, held_back);
-                self.position_loop(now, slope, limits)
+                let moved = self.track.difference(now.position, last.position);
+                let goes_on = self.lead_shaft(now, moved, slope, held_back);
+                let pid = self.pid;
+                let own = self.position_loop(now, slope, limits);
+                if !goes_on {
+                    // What holds the shaft is not to be overcome by an integral that breaks loose with it.
+                    self.pid = pid;
+                }
+                own
             }
             Method::Velocity => {
                 self.move_set_point();
@@ -412,60 +441,129 @@ impl Axis {
                 self.velocity_loop(now, rate, limits)
             }
         };
-        self.pid.hold_within(self.settings.integral_share);
-        let own = self.cross_over(own);
-        self.drive = limits.apply(self.slewed(own));
+        if self.settings.integral_share < Duty::FULL.unsigned_abs() {
+            self.pid.cut_integral(self.settings.integral_share);
+        }
+        let own = limits.apply(self.cross_over(own));
+        let back = self.pushed_back(now);
+        self.is_at_soft_limit |= back.is_some();
+        self.drive = back.map_or(own, |back| limits.nearest(back));
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
-    /// The limits, less what the channel's own settings forbid.
-    fn narrowed(&self, now: Reading, limits: &Limits) -> Limits {
-        let most = Drive::from_bits(self.settings.highest_duty.into());
-        let mut limits =
-            Limits { low: limits.low.max(most.saturating_neg()), high: limits.high.min(most) };
-        let full_speed = match (self.full_speed, self.sensor) {
-            (0, Sensor::Encoder) => DEFAULT_SPEED_ENCODER,
-            (0, _) => DEFAULT_SPEED_POTENTIOMETER,
-            (known, _) => known,
-        };
-        self.track.hold_within(now, full_speed, &mut limits);
+    /// The limits from outside, and what the soft limits forbid. A position loop has its set-point inside,
+    /// and holds a shaft that is outside.
+    fn within_soft_limits(&self, now: Reading, limits: &Limits) -> Limits {
+        let mut limits = *limits;
+        if self.method != Method::Position || self.track.contains(now.position) {
+            self.track.hold_within(now, self.known_full_speed(), &mut limits);
+        }
         limits
     }
 
-    /// Whether limits have kept the last drive from going the way that the set-point moves.
+    /// The drive that holds a shaft at the soft limit that it is driven against, if it is.
+    fn pushed_back(&self, now: Reading) -> Option<Drive> {
+        let set_point = match self.method {
+            Method::Pwm => self.to_logical(Drive::from_bits(self.set_point)).to_bits(),
+            Method::Velocity => self.set_point,
+            Method::Position => 0,
+        };
+        let full_speed = self.known_full_speed();
+        (set_point != 0).then(|| self.track.pushed_back(now, set_point > 0, full_speed)).flatten()
+    }
+
+    /// Counts per second at full drive; without a setting, the settings' default.
+    fn known_full_speed(&self) -> i32 {
+        match (self.full_speed, self.sensor) {
+            (0, Sensor::Encoder) => DEFAULT_SPEED_ENCODER,
+            (0, _) => DEFAULT_SPEED_POTENTIOMETER,
+            (known, _) => known,
+        }
+    }
+
+    /// The limits, less what the channel's own settings forbid: its highest duty, and its slew limit.
+    fn narrowed(&self, now: Reading) -> Limits {
+        let most = Drive::from_bits(self.settings.highest_duty.into());
+        let mut limits = Limits {
+            low: self.limits.low.clamp(most.saturating_neg(), most),
+            high: self.limits.high.clamp(most.saturating_neg(), most),
+        };
+        if self.settings.slew_ms > 0 {
+            let step = Drive::ONE.wrapping_div_int(self.settings.slew_ms.into()).max(Drive::DELTA);
+            let (mut low, mut high) = (self.drive.min(Drive::ZERO), self.drive.max(Drive::ZERO));
+            if self.is_stop {
+                // What stops may brake with all it has, and drives no harder than before.
+                let (speed, slow) = (now.velocity, track::creep(self.known_full_speed()));
+                low = if speed > slow { Drive::NEG_ONE } else { low };
+                high = if speed < slow.saturating_neg() { Drive::ONE } else { high };
+            } else {
+                (low, high) = (low.saturating_sub(step), high.saturating_add(step));
+            }
+            limits.low = limits.nearest(low);
+            limits.high = limits.nearest(high);
+        }
+        limits
+    }
+
+    /// Whether an obstacle, a current or a soft limit has kept the last drive from going the way that the
+    /// set-point moves.
     fn is_held_back(&self) -> bool {
         let (slope, limits) = (self.course.slope(), &self.limits);
         (slope > 0 && limits.high < Limits::FULL.high && self.drive >= limits.high)
             || (slope < 0 && limits.low > Limits::FULL.low && self.drive <= limits.low)
     }
 
-    /// Moves the set-point of a position loop on, unless it would run away from its shaft.
-    fn lead_shaft(&mut self, now: Reading, moved: Counts, slope: CountsPerSecond, held_back: bool) {
+    /// Moves the set-point of a position loop on, unless it would run away from its shaft: whether it
+    /// did.
+    fn lead_shaft(
+        &mut self,
+        now: Reading,
+        moved: Counts,
+        slope: CountsPerSecond,
+        held_back: bool,
+    ) -> bool {
         if slope == 0 {
-            return self.move_set_point();
+            self.move_set_point();
+            self.follow_up(now);
+            return true;
         }
         let along = |way: Counts| if slope < 0 { way.saturating_neg() } else { way };
         let following = Following {
-            ahead: along(self.track.way(Counts::from_bits(self.set_point), now.position)),
+            ahead: along(self.track.difference(Counts::from_bits(self.set_point), now.position)),
             moved: along(moved),
             velocity: along(now.velocity),
             rate: along(slope),
             sensor: self.sensor,
         };
         match self.lead.step(&following, held_back) {
-            Step::Go => self.move_set_point(),
-            Step::Wait => {}
+            Step::Go => {
+                self.move_set_point();
+                return true;
+            }
+            Step::Wait => self.course.stand(),
             Step::Back(by) => {
+                self.course.stand();
                 let back = along(by).saturating_neg();
                 let set_point = self.track.advance(Counts::from_bits(self.set_point), back);
                 self.set_point = set_point.to_bits();
                 self.course.lengthen(along(by).to_bits());
             }
         }
+        false
+    }
+
+    /// The set-point of a move that is to go at once goes on as its shaft does.
+    fn follow_up(&mut self, now: Reading) {
+        let most = self.track.farthest_ahead();
+        let ahead = self.track.difference(Counts::from_bits(self.set_point), now.position);
+        let room = most.saturating_sub(ahead.saturating_abs()).max(Counts::ZERO);
+        let way = self.rest.clamp(room.saturating_neg(), room);
+        self.rest = self.rest.saturating_sub(way);
+        self.set_point = self.track.advance(Counts::from_bits(self.set_point), way).to_bits();
     }
 
     fn position_loop(&mut self, now: Reading, slope: CountsPerSecond, limits: &Limits) -> Drive {
-        let error = self.track.way(Counts::from_bits(self.set_point), now.position);
+        let error = self.track.difference(Counts::from_bits(self.set_point), now.position);
         // On a ramp the shaft is meant to move: only what differs from the slope is damped.
         let rate = now.velocity.saturating_sub(slope);
         let error = Error::of_position(error);
@@ -498,26 +596,17 @@ impl Axis {
         own.saturating_add(apart.wrapping_shr(HANDOVER_SHIFT))
     }
 
-    /// The drive, if it does not get larger faster than the slew limit allows. What stops is not slewed.
-    fn slewed(&self, drive: Drive) -> Drive {
-        if self.settings.slew_ms == 0 || self.is_stop {
-            return drive;
-        }
-        let step = Drive::ONE.wrapping_div_int(i32::from(self.settings.slew_ms)).max(Drive::DELTA);
-        let low = self.drive.min(Drive::ZERO).saturating_sub(step);
-        let high = self.drive.max(Drive::ZERO).saturating_add(step);
-        drive.clamp(low, high)
-    }
-
     /// Starts a method from where shaft and drive are, staying there.
     fn engage(&mut self, method: Method, now: Reading) {
         let was_driven = matches!(self.state, State::Running | State::Stopping(_));
         self.old_drive = self.drive;
         self.handover = if was_driven { HANDOVER } else { 0 };
         self.state = State::Running;
-        self.method = method;
+        let before = core::mem::replace(&mut self.method, method);
         self.forget();
         self.set_point = match method {
+            // A PWM that was chosen under way of a position loop is nobody's: neutral.
+            Method::Pwm if before == Method::Position => 0,
             Method::Pwm => to_duty(self.to_logical(self.drive)).raw().into(),
             Method::Position => now.position.to_bits(),
             Method::Velocity if was_driven => now.velocity.to_bits(),
@@ -542,17 +631,30 @@ impl Axis {
         if goal.method != self.method {
             return;
         }
-        let from = Counts::from_bits(self.set_point);
-        let way = if self.method == Method::Position {
-            let from_shaft = |position| self.track.way(position, now.position);
-            let ahead = from_shaft(from);
-            let way = from_shaft(Counts::from_bits(goal.value)).saturating_sub(ahead);
-            self.lead = Lead::new(if way < 0 { ahead.saturating_neg() } else { ahead });
-            way.to_bits()
-        } else {
-            goal.value.saturating_sub(self.set_point)
-        };
+        let set_point = Counts::from_bits(self.set_point);
+        let mut way = goal.value.saturating_sub(self.set_point);
+        self.rest = Counts::ZERO;
+        if self.method == Method::Position {
+            let ahead = self.track.difference(set_point, now.position);
+            let whole = self.track.way(Counts::from_bits(goal.value), now.position);
+            let whole = whole.saturating_sub(ahead);
+            let full_drive = Counts::saturating_from_num(
+                FULL_DRIVE_COUNTS.checked_div(self.settings.position.kp.into()).unwrap_or(i32::MAX),
+            );
+            let full_drive = full_drive.min(Counts::from(i16::MAX));
+            self.lead =
+                Lead::new(if whole < 0 { ahead.saturating_neg() } else { ahead }, full_drive);
+            let most = self.track.farthest_ahead();
+            let at_once = if periods == 0 && self.settings.acceleration == 0 {
+                whole.clamp(most.saturating_neg(), most)
+            } else {
+                whole
+            };
+            self.rest = whole.saturating_sub(at_once);
+            way = at_once.to_bits();
+        }
         self.goal = Some(goal);
+        self.is_timed = periods > 0;
         self.course = self.course_of(way, periods);
     }
 
@@ -569,7 +671,7 @@ impl Axis {
             }
             Method::Position if most > 0 => {
                 let slope = match periods {
-                    0 => i64::from(self.full_speed) << 8,
+                    0 => i64::from(self.known_full_speed()) << 8,
                     periods => a_second.checked_div(periods.into()).unwrap_or(0),
                 };
                 Course::Profile(Profile::new(way, saturate(slope), most, &self.course))
@@ -609,6 +711,7 @@ impl Axis {
     fn forget(&mut self) {
         self.goal = None;
         self.course = Course::NONE;
+        self.rest = Counts::ZERO;
         self.pid = Pid::new();
     }
 

@@ -2,28 +2,25 @@
 //!
 //! A set-point that runs on while something holds the shaft stores up a drive that is let loose
 //! with it. So it *waits* when it leads by more than what the shaft was seen to *need* (its load, over
-//! the gain), by 20 ms of the move, and by 64 counts for friction. When the shaft is free it goes on
-//! from there, at the rate asked.
+//! the gain), by 20 ms of the move, and by a tenth of the lead that drives fully, for friction. When the
+//! shaft is free it goes on from there, at the rate asked.
 //!
 //! - A shaft that stands, and may be driven, may need more than before: a joint that is to lift a load.
-//!   What it needs then grows by 31 counts a second, and is *proven* when the shaft moves.
+//!   What it needs then grows, from nothing to full drive in 20 s, and is *proven* when the shaft moves.
 //! - A shaft that breaks loose, and is fast at once, did not need it: it was jammed, and the
 //!   set-point is put back to what was proven before.
 //! - While limits take the drive away (an obstacle, a current, a soft limit) nothing grows, and the
-//!   set-point is put back at once.
+//!   set-point is put back at once: even behind where it began, if the shaft rolls back.
+//!
+//! An encoder tells too late of a shaft that breaks loose slowly: a move of less than some 1000 counts/s
+//! may be faster than asked for a moment, by some 300 counts/s.
 
 use protocol::pms5005::Sensor;
 
 use crate::units::{Counts, CountsPerSecond, PERIODS_PER_SECOND};
 
-/// What a free shaft needs to set out: 64 counts (10 % of full drive at Kp 50), and a 50th of a second of the move.
-const FRICTION: Counts = Counts::const_from_int(64);
+/// What a free shaft needs to set out beside its share of drive: a 50th of a second of the move.
 const SETTING_OUT: i32 = 50;
-/// Behind a shaft that has broken loose the set-point leads by so much.
-const LOOSE: Counts = Counts::const_from_int(8);
-/// What a standing shaft is given more a period, 31 counts a second, up to full drive at Kp 50.
-const MORE: Counts = Counts::from_bits(8);
-const MOST: Counts = Counts::const_from_int(655);
 /// A shaft moves from 100 counts a second or an eighth of the rate on.
 const MOVES: CountsPerSecond = CountsPerSecond::const_from_int(100);
 /// It is fast from half of the rate on, if that is more than a sensor's noise: half a count a period
@@ -68,13 +65,16 @@ pub struct Lead {
     pace: Counts,
     /// For how many periods the shaft has moved.
     moving: u8,
+    /// The lead that drives fully, at most 32767.
+    full_drive: Counts,
 }
 
 impl Lead {
-    /// A move that sets out while the set-point is so much ahead already.
-    pub fn new(ahead: Counts) -> Self {
-        let needed = ahead.clamp(Counts::ZERO, MOST);
-        Self { needed, proven: needed, ..Self::default() }
+    /// A move that sets out while the set-point is so much ahead already. A lead of `full_drive` drives
+    /// fully.
+    pub fn new(ahead: Counts, full_drive: Counts) -> Self {
+        let needed = ahead.clamp(Counts::ZERO, full_drive);
+        Self { needed, proven: needed, full_drive, ..Self::default() }
     }
 
     /// One period. `held_back`: limits keep the drive from going that way.
@@ -94,7 +94,8 @@ impl Lead {
         self.moving = if moves { self.moving.saturating_add(1) } else { 0 };
         if held_back || (is_fast && self.moving < PROOF && self.needed > self.proven) {
             self.needed = self.proven;
-            let back = ahead.saturating_sub(self.needed.saturating_add(LOOSE));
+            let back =
+                ahead.saturating_sub(self.needed.saturating_add(self.full_drive.wrapping_shr(6)));
             return if back > 0 { Step::Back(back) } else { Step::Go };
         }
         if self.moving >= PROOF {
@@ -103,11 +104,13 @@ impl Lead {
         if moves {
             self.needed = self.needed.min(ahead.max(Counts::ZERO));
         }
-        let margin = FRICTION.saturating_add(rate.wrapping_div_int(SETTING_OUT));
+        let friction = self.full_drive.wrapping_div_int(10);
+        let margin = friction.saturating_add(rate.wrapping_div_int(SETTING_OUT));
         if ahead < self.needed.saturating_add(margin) {
             return Step::Go;
         }
-        self.needed = self.needed.saturating_add(MORE).min(MOST);
+        let more = self.full_drive.wrapping_div_int(20_000).max(Counts::DELTA);
+        self.needed = self.needed.saturating_add(more).min(self.full_drive);
         Step::Wait
     }
 }
@@ -115,6 +118,9 @@ impl Lead {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// At Kp 50.
+    const FULL: Counts = Counts::const_from_int(655);
 
     /// A move of 1000 counts/s whose shaft stands, at so much behind.
     fn standing(ahead: Counts) -> Following {
@@ -137,28 +143,28 @@ mod tests {
     }
 
     #[test]
-    fn a_set_point_waits_84_counts_ahead_of_a_shaft_that_stands_and_31_a_second_more() {
-        for (ms, least, most) in [(10, 10, 10), (100, 84, 86), (1084, 112, 118), (60_000, 655, 742)]
+    fn a_set_point_waits_85_counts_ahead_of_a_shaft_that_stands_and_31_a_second_more() {
+        for (ms, least, most) in [(10, 10, 10), (100, 85, 88), (1085, 115, 122), (60_000, 655, 742)]
         {
-            let ahead = pushed(&mut Lead::new(Counts::ZERO), ms, false);
+            let ahead = pushed(&mut Lead::new(Counts::ZERO, FULL), ms, false);
             assert!((least..=most).contains(&ahead.to_num::<i32>()), "{ms} ms: {ahead}");
         }
     }
 
     #[test]
     fn limits_bring_it_back_to_what_was_proven() {
-        let mut lead = Lead::new(Counts::from_num(100));
+        let mut lead = Lead::new(Counts::from_num(100), FULL);
         assert_eq!(
             lead.step(&standing(Counts::from_num(150)), true),
-            Step::Back(Counts::from_num(42))
+            Step::Back(Counts::from_num(40) - Counts::from_bits(60))
         );
-        assert_eq!(lead.step(&standing(Counts::from_num(108)), true), Step::Go);
+        assert_eq!(lead.step(&standing(Counts::from_num(110)), true), Step::Go);
     }
 
     #[test]
     fn a_shaft_that_breaks_loose_gets_no_more_than_was_proven_and_one_that_sets_out_keeps_it() {
         for (speed, is_jam) in [(3, true), (0, false)] {
-            let mut lead = Lead::new(Counts::ZERO);
+            let mut lead = Lead::new(Counts::ZERO, FULL);
             let ahead = pushed(&mut lead, 3000, false);
             let mut fell_back = false;
             for ms in 0..100 {

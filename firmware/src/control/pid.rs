@@ -145,6 +145,11 @@ impl Limits {
     pub fn apply(&self, drive: Drive) -> Drive {
         drive.min(self.high).max(self.low)
     }
+
+    /// As [`apply`](Self::apply), whichever of the limits is the lower.
+    pub fn nearest(&self, drive: Drive) -> Drive {
+        drive.max(self.low.min(self.high)).min(self.high.max(self.low))
+    }
 }
 
 /// One loop's memory.
@@ -191,7 +196,7 @@ impl Pid {
 
     /// Cuts the integral back to a share of full drive either way, in the unit of a
     /// [`Duty`](crate::units::Duty).
-    pub fn hold_within(&mut self, share: u16) {
+    pub fn cut_integral(&mut self, share: u16) {
         let most = I10F54::wrapping_from_num(Drive::from_bits(share.into()));
         self.integral = self.integral.min(most).max(most.wrapping_neg());
     }
@@ -215,7 +220,9 @@ impl Pid {
                 integral = self.integral;
             }
             let bound = |limit: Drive| I10F54::wrapping_from_num(limit); // at most full drive
-            integral = integral.min(bound(limits.high)).max(bound(limits.low));
+            // A limit that brakes is none of the integral's.
+            let (high, low) = (limits.high.max(Drive::ZERO), limits.low.min(Drive::ZERO));
+            integral = integral.min(bound(high)).max(bound(low));
         }
         self.integral = integral;
         limits.apply(others.wrapping_add(Drive::lossy_from(integral)))

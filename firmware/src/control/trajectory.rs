@@ -47,6 +47,13 @@ impl Course {
         }
     }
 
+    /// The set-point stands: a profile sets out anew.
+    pub fn stand(&mut self) {
+        if let Self::Profile(profile) = self {
+            profile.pace = 0;
+        }
+    }
+
     /// The set-point has been put back by so much: the way is longer, the slope the same.
     pub fn lengthen(&mut self, by: i32) {
         match self {

@@ -249,6 +249,7 @@ impl Controller {
                 method: axis.method(),
                 set_point: axis.set_point(),
                 error: axis.error(reading),
+                is_at_soft_limit: axis.is_at_soft_limit(),
                 sensor_is_chosen: self.settings.channels[i].sensor.is_some(),
             };
             monitor.step(&observed, faults)

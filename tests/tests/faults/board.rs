@@ -165,7 +165,7 @@ fn lost_bytes_damaged_settings_and_a_start_by_the_watchdog_are_on_record_and_hol
     assert_eq!(bench.bridge(0), (8000, true));
     on_record_and_no_more(&mut bench, Fault::ReceiveOverrun, 500..=520);
 
-    let board = VirtualBoard::with_flash(Make::default(), Flash::with(b"foreign"));
+    let board = VirtualBoard::with_flash(Make::default(), Flash::with(&b"foreign".repeat(300)));
     let mut bench = Bench::of(board);
     bench.run_ms(10);
     on_record_and_no_more(&mut bench, Fault::SettingsCorrupt, 0..=0);

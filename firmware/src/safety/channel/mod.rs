@@ -56,6 +56,8 @@ pub struct Observed {
     pub set_point: Counts,
     /// The set-point less what is measured, in the method's unit.
     pub error: Counts,
+    /// Whether a soft limit holds the shaft: it is not asked to move.
+    pub is_at_soft_limit: bool,
     /// Whether the sensor was chosen for this channel; else nobody has said that there is one.
     pub sensor_is_chosen: bool,
 }

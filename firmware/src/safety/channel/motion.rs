@@ -61,6 +61,7 @@ impl Stillness {
         // So little hurts nobody, and friction takes as much.
         let is_much = now.current >= settings.stall_current >> 2;
         let is_asked_to_move = match now.method {
+            _ if now.is_at_soft_limit => false,
             Method::Pwm => true,
             Method::Position => now.error.saturating_abs() >= Counts::from(settings.stall_error),
             Method::Velocity => now.error.saturating_abs() >= Counts::from(settings.still),
