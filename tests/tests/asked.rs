@@ -6,9 +6,10 @@ use std::ops::RangeInclusive;
 use firmware::settings::{ChannelSettings, Settings, SoftLimits};
 use hal_mock::board::Make;
 use hal_mock::plant::{MotorScene, Overrides, Scene, ShaftSensor};
-use protocol::pms5005::{Channel, Command, Gain, Loop, Parameter, Quantity, Scope, Sensor};
+use protocol::pms5005::{Channel, Command, Gain, Loop, Method, Parameter, Quantity, Scope, Sensor};
 use tests::Bench;
 use tests::Link::{Alive, Silent};
+use tests::extension::assign;
 
 const WHEEL: Channel = Channel::ALL[0];
 
@@ -376,4 +377,188 @@ fn a_channel_whose_last_command_is_too_old_stops_as_by_silence() {
     bench.drive(Quantity::Position, 0, target, 2000);
     bench.run_alive_ms(2500);
     assert!((bench.position(0) - from - 3000).abs() <= 20);
+}
+
+/// A bench with soft limits on channel 0, by its encoder.
+fn limited(motor: MotorScene, low: i16, high: i16) -> Bench {
+    let mut settings = Settings::DEFAULT;
+    settings.control.soft_limits[0] = SoftLimits { low, high };
+    let mut bench = with(motor, settings);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench
+}
+
+#[test]
+fn a_shaft_that_is_held_outside_its_soft_limits_makes_no_turn_by_itself() {
+    // Opposite the middle of these limits is count 0, where an encoder begins.
+    let mut bench = limited(MotorScene { start: -6, load: -0.1, ..wheel() }, 1000, 31_767);
+    bench.drive(Quantity::Velocity, 0, -20, 0);
+    bench.run_alive_ms(6);
+    bench.configure(&[Parameter::Method(WHEEL, Method::Position)]);
+    bench.run_alive_with(3000, |bench| {
+        assert!((-200..200).contains(&bench.position(0)), "{}", bench.position(0));
+    });
+    // Limits that come when it holds after a silence.
+    let mut bench = with(MotorScene { start: -300, load: 0.02, ..wheel() }, Settings::DEFAULT);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 10, 0);
+    bench.run_ms(3500);
+    let held = bench.position(0);
+    bench.send_raw(7, &assign(&[(81, 31_767), (80, 1000)]));
+    bench.run_alive_ms(3000);
+    assert!((bench.position(0) - held).abs() <= 5, "{held} to {}", bench.position(0));
+}
+
+#[test]
+fn a_load_carries_no_shaft_through_the_soft_limit_that_it_is_driven_against() {
+    for (load, beyond) in [(0.05, 10), (0.1, 20), (0.2, 40)] {
+        for (quantity, target) in [(Quantity::Pwm, 8000), (Quantity::Velocity, -3000)] {
+            let mut bench = limited(MotorScene { start: 2500, load, ..wheel() }, 1000, 31_000);
+            bench.drive(quantity, 0, target, 0);
+            bench.run_alive_ms(10_000);
+            let at = bench.position(0);
+            assert!((1000 - beyond..=1016).contains(&at), "{quantity:?}, {load}: {at}");
+            assert!(bench.bridge(0).1, "held, and no fault");
+        }
+    }
+}
+
+#[test]
+fn what_a_soft_limit_brakes_leaves_nothing_in_an_integral() {
+    let mut bench =
+        limited(MotorScene { start: 15_000, time_constant_s: 0.24, ..wheel() }, 1000, 31_000);
+    for target in [31_000, 20_000] {
+        bench.drive(Quantity::Position, 0, target, 0);
+        bench.run_alive_ms(6000);
+        let off = bench.position(0) - i64::from(target);
+        assert!(off.abs() <= 20, "{target}: {off} off");
+    }
+}
+
+#[test]
+fn a_stop_drives_no_harder_than_before_whatever_the_slew_limit_held_back() {
+    let slow = |acceleration| {
+        held(|channel| (channel.slew_ms, channel.acceleration) = (20_000, acceleration))
+    };
+    type Stop = fn(&mut Bench);
+    let cases: [(Quantity, i16, u32, Stop); 4] = [
+        (Quantity::Pwm, 32_767, 0, |bench| bench.run_ms(1600)),
+        (Quantity::Velocity, 12_000, 0, |bench| bench.run_ms(1600)),
+        (Quantity::Pwm, 32_767, 0, |bench| bench.drive(Quantity::Pwm, 0, 16_384, 500)),
+        (Quantity::Velocity, 8000, 8000, |bench| bench.drive(Quantity::Velocity, 0, 0, 0)),
+    ];
+    for (quantity, target, acceleration, stop) in cases {
+        let mut bench = slow(acceleration);
+        bench.drive(quantity, 0, target, 0);
+        bench.run_ms(400);
+        stop(&mut bench);
+        let (duty, speed) = (bench.bridge(0).0, bench.velocity(0));
+        bench.run_with(Silent, 600, |bench| {
+            assert!(bench.bridge(0).0 <= duty.max(2010), "{quantity:?}: {:?}", bench.bridge(0));
+            assert!(bench.velocity(0) <= speed + 200.0, "{quantity:?}: {}", bench.velocity(0));
+        });
+    }
+}
+
+#[test]
+fn what_is_outside_its_soft_limits_and_told_nothing_stays_there_whatever_its_noise() {
+    for noise_lsb in [1.5, 3.0, 6.0] {
+        let mut scene = Scene { noise_lsb, ..Scene::default() };
+        let joint = MotorScene { start: 3200, ..MotorScene::with(ShaftSensor::Potentiometer) };
+        scene.motors[2] = joint;
+        let mut settings = Settings::DEFAULT;
+        settings.control.soft_limits[2] = SoftLimits { low: 1000, high: 3000 };
+        let mut bench = Bench::with(Make { scene, settings, ..Make::default() });
+        bench.drive(Quantity::Pwm, 2, 16_384, 0);
+        bench.run_alive_with(20_000, |bench| assert_eq!(bench.bridge(2).0, 0));
+        assert_eq!(bench.position(2), 3200);
+    }
+}
+
+#[test]
+fn an_acceleration_limit_changes_no_rule_of_silence_and_needs_no_full_speed() {
+    // An untimed move is none that goes on.
+    let mut settings = Settings::DEFAULT;
+    settings.control.full_speed_encoder = 2000;
+    settings.control.channels[0].acceleration = 1000;
+    let mut bench = with(wheel(), settings);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 16_000, 0);
+    bench.until(Silent, 2100, |bench| bench.board.snapshot().link_loss);
+    bench.run_ms(500);
+    let held = bench.position(0);
+    bench.run_ms(5000);
+    assert!((bench.position(0) - held).abs() <= 20, "{held} to {}", bench.position(0));
+
+    settings.control.full_speed_encoder = 0;
+    let mut bench = with(wheel(), settings);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 1000, 0);
+    bench.run_alive_ms(3000);
+    assert!((bench.position(0) - 1000).abs() <= 20, "{}", bench.position(0));
+}
+
+#[test]
+fn the_age_of_a_command_ends_a_timed_move_as_silence_does_and_runs_on_in_a_pause() {
+    let mut settings = Settings::DEFAULT;
+    (settings.control.oldest_command, settings.control.longest_move) = (700, 2000);
+    let mut bench = with(wheel(), settings);
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 12_000, 12_000);
+    bench.run_alive_ms(6000);
+    assert!((1900..2200).contains(&bench.position(0)), "{}", bench.position(0));
+
+    bench.drive(Quantity::Pwm, 0, 24_384, 0);
+    bench.run_alive_ms(200);
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.run_alive_ms(2000);
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    bench.run_alive_with(100, |bench| assert_eq!(bench.bridge(0), (0, false)));
+}
+
+#[test]
+fn a_pwm_that_is_chosen_under_way_of_a_position_move_is_neutral() {
+    let mut bench = Bench::new();
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 4000, 1000);
+    bench.run_alive_ms(500);
+    bench.configure(&[Parameter::Method(WHEEL, Method::Pwm)]);
+    bench.run_alive_ms(500);
+    assert_eq!((bench.bridge(0), bench.velocity(0)), ((0, true), 0.0));
+}
+
+#[test]
+fn a_timed_move_gets_as_far_as_an_untimed_one_whatever_its_gain_and_its_highest_duty() {
+    for (kp, highest_duty, load) in [(5, 16_384, 0.12), (50, 2650, 0.12), (200, 3000, 0.12)] {
+        let ends = [20_000, 0].map(|periods| {
+            let mut settings = Settings::DEFAULT;
+            settings.control.channels[0].position.kp = kp;
+            settings.control.channels[0].highest_duty = highest_duty;
+            let joint = MotorScene::with(ShaftSensor::Potentiometer);
+            let mut bench = with(MotorScene { start: 500, load, ..joint }, settings);
+            bench.configure(&[Parameter::Sensor(WHEEL, Sensor::SinglePotentiometer)]);
+            bench.drive(Quantity::Position, 0, 2500, periods);
+            bench.run_alive_ms(40_000);
+            assert!(bench.bridge(0).1, "{kp}, {highest_duty}: no fault");
+            bench.position(0)
+        });
+        assert!(ends[0] >= ends[1] - 80, "{kp}, {highest_duty}: {ends:?}");
+    }
+}
+
+#[test]
+fn an_integral_does_not_break_loose_with_what_it_could_not_move() {
+    let mut bench = Bench::new();
+    let ki = Gain::Integral { integer: 100, fraction: 0 };
+    bench.configure(&[
+        Parameter::Sensor(WHEEL, Sensor::Encoder),
+        Parameter::Gain(WHEEL, Loop::Position, ki),
+    ]);
+    bench.drive(Quantity::Position, 0, 12_000, 12_000);
+    bench.run_alive_ms(1000);
+    keep(&bench, Keeps::Jam, true);
+    bench.run_alive_ms(4000);
+    keep(&bench, Keeps::Jam, false);
+    let rate = peak(&mut bench, 8000);
+    assert!((950.0..=1350.0).contains(&rate), "{rate}");
 }

@@ -389,7 +389,17 @@ impl Axis {
     }
 
     /// One period: what the bridge is to do. `limits` bound the logical drive.
-    pub fn step(&mut self, now: Reading, limits: &Limits) -> MotorOutput {
+    pub fn step(&mut self, now: Reading, limits: impl FnOnce() -> Limits) -> MotorOutput {
+        if self.state == State::Off {
+            (self.last, self.drive) = (now, Drive::ZERO);
+            return MotorOutput::default();
+        }
+        self.step_on(now, &limits())
+    }
+
+    /// One period of a channel that runs, or may again.
+    #[inline(never)] // a channel that is off needs no room for this
+    fn step_on(&mut self, now: Reading, limits: &Limits) -> MotorOutput {
         match self.state {
             State::Stopping(0) => self.stopped(),
             State::Stopping(left) => self.state = State::Stopping(left.saturating_sub(1)),

@@ -202,16 +202,20 @@ impl Controller {
         let latched = self.faults.latched();
         for channel in Channel::ALL {
             let i = channel.index();
-            let mut limits = Limits::FULL;
-            if let Some(&positive) = self.settings.collision.forward_is_positive.get(i)
-                && blocked
-            {
-                let bound = if positive { &mut limits.high } else { &mut limits.low };
-                *bound = Default::default();
-            }
+            let (monitor, collision) = (&self.monitors[i], &self.settings.collision);
+            let limits = || {
+                let mut limits = Limits::FULL;
+                if let Some(&positive) = collision.forward_is_positive.get(i)
+                    && blocked
+                {
+                    let bound = if positive { &mut limits.high } else { &mut limits.low };
+                    *bound = Default::default();
+                }
+                monitor.limit(&mut limits);
+                limits
+            };
             let reading = self.reading(channel);
-            self.monitors[i].limit(&mut limits);
-            let output = self.axes[i].step(reading, &limits);
+            let output = self.axes[i].step(reading, limits);
             // Whatever channel and servo are about: what is latched is off.
             let output = match latched.stops_motor(channel) {
                 true => MotorOutput::default(),

@@ -104,9 +104,10 @@ impl Overload {
         reached(self.unheeded, settings.over_current_ms)
     }
 
-    /// A period without current. A motor that is cold stays cold.
+    /// A period without current. A motor that is cold stays cold; what it drew of late counts for one
+    /// that is hot.
     pub(super) fn cool(&mut self, settings: &ChannelFaultSettings) {
-        if self.heat > 0 || self.recent > 0 || self.sum > 0 || self.reduction > 0 {
+        if self.heat > 0 || self.sum > 0 {
             let _ = self.step(0, Duty::NEUTRAL, settings);
         }
     }

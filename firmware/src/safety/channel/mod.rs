@@ -103,8 +103,8 @@ pub struct ChannelMonitor {
 impl ChannelMonitor {
     /// Narrows the drive that is allowed by what over-current and overload take.
     pub fn limit(&self, limits: &mut Limits) {
-        let taken = self.over_current.reduction().saturating_add(self.overload.reduction());
-        if taken > 0 {
+        if self.limiting().is_some() {
+            let taken = self.over_current.reduction().saturating_add(self.overload.reduction());
             let most = Drive::from_bits(FULL.saturating_sub(taken).into());
             limits.high = limits.high.min(most);
             limits.low = limits.low.max(most.saturating_neg());
@@ -148,6 +148,7 @@ impl ChannelMonitor {
     }
 
     /// One period of a channel that is on: what has tripped, if anything.
+    #[inline(never)] // a channel that is off needs no room for this
     pub fn step(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> Option<Tripped> {
         self.has_watched = true;
         let position = word(now.reading.position);
