@@ -52,8 +52,17 @@ pub fn faults(list: &str) -> Result<Faults, String> {
 }
 
 /// What [`set`] knows.
-pub const SETTABLE: [&str; 6] =
-    ["unplug", "replug", "jammed", "dropped_ppm", "flipped_ppm", "stalled_ppm"];
+pub const SETTABLE: [&str; 9] = [
+    "unplug",
+    "replug",
+    "jammed",
+    "temperature_c",
+    "voltage_dv",
+    "load",
+    "dropped_ppm",
+    "flipped_ppm",
+    "stalled_ppm",
+];
 
 /// What of it is not as it was in the beginning. `ids` as for [`set`].
 pub fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Value> {
@@ -63,10 +72,23 @@ pub fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Va
         let ids: Vec<u8> = such.map(|(id, _)| *id).collect();
         (!ids.is_empty()).then_some(ids)
     };
+    let usual = Surroundings::default();
+    let unusual = |what: &dyn Fn(&Surroundings) -> i64| {
+        let servos = ids.iter().zip(bus.servos());
+        let values = servos.map(|(id, (servo, _))| (id.to_string(), what(&servo.surroundings)));
+        let values: Map<_, _> = values
+            .filter(|(_, value)| *value != what(&usual))
+            .map(|(id, value)| (id, value.into()))
+            .collect();
+        (!values.is_empty()).then_some(values)
+    };
     let rate = |ppm: u32| (ppm > 0).then_some(ppm);
     values::that_are_set(json!({
         "unplug": of(&|_, plugged| !plugged),
         "jammed": of(&|servo, _| servo.surroundings.jammed),
+        "temperature_c": unusual(&|world| world.temperature_c.into()),
+        "voltage_dv": unusual(&|world| world.supply_dv.into()),
+        "load": unusual(&|world| world.load.into()),
         "dropped_ppm": rate(faults.dropped_ppm),
         "flipped_ppm": rate(faults.flipped_ppm),
         "stalled_ppm": rate(faults.stalled_ppm),
