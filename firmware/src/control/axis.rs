@@ -461,13 +461,10 @@ impl Axis {
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
-    /// The limits from outside, and what the soft limits forbid. A position loop has its set-point inside,
-    /// and holds a shaft that is outside.
+    /// The limits from outside, and what the soft limits forbid.
     fn within_soft_limits(&self, now: Reading, limits: &Limits) -> Limits {
         let mut limits = *limits;
-        if self.method != Method::Position || self.track.contains(now.position) {
-            self.track.hold_within(now, self.known_full_speed(), &mut limits);
-        }
+        self.track.hold_within(now, self.known_full_speed(), &mut limits);
         limits
     }
 

@@ -103,11 +103,6 @@ impl Track {
         (LITTLE..Counts::ZERO).contains(&room).then_some(drive)
     }
 
-    /// Whether a position is within the soft limits.
-    pub fn contains(&self, position: Counts) -> bool {
-        self.room(position).is_none_or(|(above, below)| above >= 0 && below >= 0)
-    }
-
     /// How far the limits are above and below.
     fn room(&self, position: Counts) -> Option<(Counts, Counts)> {
         let (middle, half) = self.limits?;
