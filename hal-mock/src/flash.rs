@@ -9,7 +9,7 @@
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 use std::rc::Rc;
 
@@ -77,8 +77,14 @@ impl Flash {
     pub fn open(path: &Path) -> Result<Self, String> {
         let complain = |e: std::io::Error| e.to_string();
         // Before it is opened: a FIFO would wait for somebody.
-        if path.metadata().is_ok_and(|metadata| !metadata.is_file()) {
-            return Err("must be a file, or not be there".into());
+        match path.metadata().map(|metadata| metadata.file_type()) {
+            Ok(kind) if kind.is_char_device() => {
+                log::warn!("{}: keeps nothing, and so no settings are saved", path.display());
+                let file = File::options().write(true).open(path).map_err(complain)?;
+                return Ok(Self::holding(vec![0xFF; SIZE], Some(file)));
+            }
+            Ok(kind) if !kind.is_file() => return Err("must be a file, or not be there".into()),
+            Ok(_) | Err(_) => {}
         }
         let mut options = File::options();
         let options = options.read(true).write(true).create(true).truncate(false);
@@ -161,6 +167,9 @@ impl State {
     fn keep(&mut self, at: usize, count: usize) -> std::io::Result<()> {
         let Some(file) = &mut self.file else { return Ok(()) };
         let metadata = file.metadata()?;
+        if !metadata.is_file() {
+            return Err(std::io::Error::other("their file keeps nothing"));
+        }
         if metadata.nlink() == 0 {
             return Err(std::io::Error::other("their file was removed; start the board again"));
         }

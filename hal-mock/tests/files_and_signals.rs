@@ -91,7 +91,6 @@ fn what_is_no_file_is_refused_and_nobody_is_waited_for() {
     for (option, path) in [
         ("--settings", fifo.to_str().unwrap()),
         ("--scene", fifo.to_str().unwrap()),
-        ("--settings", "/dev/null"),
         ("--settings", "/tmp"),
     ] {
         let mut child = program(&[&FREE_PORTS[..], &[option, path]].concat())
@@ -111,6 +110,16 @@ fn what_is_no_file_is_refused_and_nobody_is_waited_for() {
         assert!(error.contains(&format!("{option} {path}: must be a file")), "{error}");
     }
     fs::remove_file(&fifo).unwrap();
+}
+
+#[test]
+fn the_null_device_keeps_no_settings_and_a_board_says_so_and_serves() {
+    let mut board = board(Path::new("/dev/null"));
+    let mut host = board.tcp();
+    assert_ne!(save(&mut host), Verdict::Done.number());
+    assert_ne!(save(&mut host), Verdict::Done.number(), "and goes on serving");
+    let log = board.log_after_end();
+    assert!(log.contains("/dev/null: keeps nothing"), "{log}");
 }
 
 #[test]

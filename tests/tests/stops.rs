@@ -14,6 +14,7 @@ use protocol::pms5005::{
     Repeat, Reports, Scope, Sensor,
 };
 use tests::Bench;
+use tests::extension::assign;
 
 const WHEEL: usize = 0;
 /// After a stop a wheel at full speed coasts for a while.
@@ -131,6 +132,11 @@ fn no_motion() -> impl Strategy<Value = fn(&mut Bench)> {
         |b| b.send(Command::Extension(Request::Do(Action::Save))),
         |b| b.send_raw(7, &settings(3, 8000)),
         |b| b.send_raw(7, &settings(1, 300)),
+        |b| b.send_raw(7, &settings(6, 700)),
+        |b| b.send_raw(7, &settings(180, 500)),
+        |b| b.send_raw(7, &settings(181, 2000)),
+        |b| b.send_raw(7, &assign(&[(81, 31_767), (80, 1000)])),
+        |b| b.send_raw(7, &assign(&[(81, 9000), (80, 4000)])),
         |b| b.run_ms(1),
         |b| b.run_ms(40),
         |b| b.run_alive_ms(300),
@@ -172,6 +178,7 @@ proptest! {
         bench.send(Command::Extension(Request::Do(Action::ClearFaults)));
         let wheel = Channel::ALL[WHEEL];
         bench.configure(&[Parameter::Method(wheel, Method::Pwm)]);
+        bench.send_raw(7, &assign(&[(80, 0), (81, 0), (180, 0)]));
         bench.drive(Quantity::Pwm, WHEEL, 16_384 + 8000, 0);
         bench.run_alive_ms(200);
         prop_assert!(bench.velocity(WHEEL) > 1000.0, "{}", bench.velocity(WHEEL));

@@ -595,6 +595,25 @@ fn sensors_that_stumble_or_that_nobody_uses_are_not_lost() {
 }
 
 #[test]
+fn a_soft_limit_that_brakes_a_swapped_wheel_the_wrong_way_is_a_tracking_error() {
+    for pwm in [32_767, 16_384 + 4000] {
+        let mut scene = Scene::default();
+        scene.motors[0] =
+            MotorScene { reversed: true, start: 6000, ..MotorScene::with(ShaftSensor::Encoder) };
+        let mut settings = Settings::DEFAULT;
+        settings.control.soft_limits[0] = SoftLimits { low: 4000, high: 9000 };
+        let mut bench = Bench::with(Make { scene, settings, ..Make::default() });
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        bench.drive(Quantity::Pwm, 0, pwm, 0);
+        bench.run_alive_ms(10);
+        until_off(&mut bench, 0, 3000);
+        let beyond = 4000 - bench.position(0);
+        assert!((0..=3277).contains(&beyond), "{pwm}: {beyond} counts beyond");
+        assert_eq!(first_record(&mut bench).fault, Fault::TrackingError);
+    }
+}
+
+#[test]
 fn soft_limits_hold_a_shaft_and_let_it_come_back() {
     let mut settings = Settings::DEFAULT;
     settings.control.soft_limits[JOINT] = SoftLimits { low: 1000, high: 3000 };

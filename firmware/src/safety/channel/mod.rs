@@ -181,7 +181,12 @@ impl ChannelMonitor {
             return Some((Fault::Stall, values(current)));
         }
         if !now.is_closed() {
-            return None;
+            if !now.is_at_soft_limit {
+                self.wrong_way = WrongWay::default();
+                return None;
+            }
+            let is_astray = self.wrong_way.step(now, settings);
+            return is_astray.then_some((Fault::TrackingError, values(0)));
         }
         if self.stillness.is_lost(now, settings) {
             return Some((Fault::SensorLost, [position, now.duty.raw(), position]));

@@ -1,4 +1,4 @@
-//! What a closed loop makes of its shaft: it drives it the wrong way, or it hunts.
+//! What a closed loop, or a soft limit, makes of its shaft: it drives it the wrong way, or it hunts.
 
 use protocol::pms5005::{Method, Sensor};
 
@@ -35,10 +35,12 @@ impl WrongWay {
         let velocity = now.reading.velocity;
         let (speed, error) = (velocity.saturating_abs(), now.error.saturating_abs());
         let is_driven = now.duty.raw().unsigned_abs() >= settings.dead_band;
+        // A PWM asks for nothing; it is a soft limit that brakes there.
+        let is_away =
+            now.method == Method::Pwm || is_opposite(velocity.to_bits(), now.error.to_bits());
         // The estimate at rest is seldom 0 to the bit.
-        let is_against = speed > NOISE
-            && is_opposite(velocity.to_bits(), now.drive.to_bits())
-            && is_opposite(velocity.to_bits(), now.error.to_bits());
+        let is_against =
+            speed > NOISE && is_opposite(velocity.to_bits(), now.drive.to_bits()) && is_away;
         if !(is_driven && is_against) {
             *self = Self::default();
             return false;
@@ -66,7 +68,8 @@ impl WrongWay {
             // One that runs down a slope is as fast as it is asked to be.
             Method::Velocity => error >= speed.wrapping_shr(1),
             // One that is let down stays as near to its set-point as it was.
-            Method::Position | Method::Pwm => {
+            Method::Pwm => true,
+            Method::Position => {
                 let farther = i64::from(error.saturating_sub(self.error).to_bits());
                 let twice = farther.saturating_mul((2 * PERIODS_PER_SECOND).into()) >> 8;
                 u64::try_from(twice).unwrap_or(0) >= bearable
