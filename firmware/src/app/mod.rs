@@ -73,7 +73,7 @@ const TASKS: usize = 4;
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     /// What a [`Command::Adopt`] puts into force, one at a time: while it is copied interrupts are off,
-    /// for some 100 words, 2 us.
+    /// for 71 words, some 2 us.
     settings: Channel<M, ControlSettings, 1>,
     pictures: Channel<M, Picture, PICTURES>,
     roll_call: RollCall<M, TASKS>,
