@@ -180,7 +180,7 @@ mod tests {
         assert!(walked.is_sorted_by(|a, b| a.0 < b.0), "no number twice");
         assert_eq!(walked.len(), COUNT);
         let named = |number| &*walked.iter().find(|setting| setting.0 == number).unwrap().1;
-        assert_eq!((named(80), named(91)), ("soft limit low 0", "soft limit high 5"));
+        assert_eq!((named(80), named(91)), ("soft limit low 1", "soft limit high 6"));
         assert_eq!((named(128), named(173)), ("joint speed 1", "joint ticks per 90 6"));
         assert_eq!(Settings::DEFAULT.describe(15), None);
     }

@@ -209,7 +209,8 @@ macro_rules! settings {
 
         /// How many settings there are.
         ///
-        /// An n is a channel, 0 to 5, or a joint, 1 to 6, and stands behind the name. All but an
+        /// An n is a channel or a joint, 1 to 6 as people count, and stands behind the name (the wire's channel is
+        /// one less). All but an
         /// arm's (112 to 173) take effect in the control period after they were set; what a host
         /// has sent before (gains, say) stays as it was read then. An arm's take effect with the
         /// next start, so that no joint jumps: save them, and reboot.
@@ -318,46 +319,46 @@ settings! {
         board_faults: BoardFaultSettings = BoardFaultSettings::DEFAULT;
     }
     and {
-        100 + 1 * [0..=5], "current sensor", Flag, 0..=1, 1,
+        99 + 1 * [1..=6], "current sensor", Flag, 0..=1, 1,
             "whether channel n has one; without, faults 2 and 5 are off and 4 is slower to tell",
             |s, n| Some(s.control.current_sensors.get_mut(n)?);
-        180 + 4 * [0..=5], "slew time", Milliseconds, 0..=60000, 0,
+        176 + 4 * [1..=6], "slew time", Milliseconds, 0..=60000, 0,
             "from no drive to full drive, at least; what stops is not slewed; 0 is at once",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.slew_ms);
-        181 + 4 * [0..=5], "acceleration", CountsPerSecond, 0..=8000000, 0,
+        177 + 4 * [1..=6], "acceleration", CountsPerSecond, 0..=8000000, 0,
             "of a closed loop's set-point, a second; velocity 0 brakes by it; 0 is any",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.acceleration);
-        182 + 4 * [0..=5], "highest duty", Duty, 1..=16384, 16384,
+        178 + 4 * [1..=6], "highest duty", Duty, 1..=16384, 16384,
             "either way, whatever drives",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.highest_duty);
-        183 + 4 * [0..=5], "integral share", Duty, 0..=16384, 16384,
+        179 + 4 * [1..=6], "integral share", Duty, 0..=16384, 16384,
             "the most that the integral of a closed loop adds to its drive",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.integral_share);
-        208 + 10 * [0..=5], "position Kp", Choice, 0..=65535, 50,
+        198 + 10 * [1..=6], "position Kp", Choice, 0..=65535, 50,
             "as in DID 7, sub-command 07: see control/pid.rs for what one is worth",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.position.kp);
-        209 + 10 * [0..=5], "position Kd", Choice, 0..=65535, 5,
+        199 + 10 * [1..=6], "position Kd", Choice, 0..=65535, 5,
             "as in DID 7, sub-command 07",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.position.kd);
-        210 + 10 * [0..=5], "position Ki", Choice, 0..=65535, 0,
+        200 + 10 * [1..=6], "position Ki", Choice, 0..=65535, 0,
             "in hundredths, however DID 7 reads it",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.position.ki_hundredths);
-        211 + 10 * [0..=5], "velocity Kp", Choice, 0..=65535, 50,
+        201 + 10 * [1..=6], "velocity Kp", Choice, 0..=65535, 50,
             "as in DID 7, sub-command 08",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity.kp);
-        212 + 10 * [0..=5], "velocity Kd", Choice, 0..=65535, 5,
+        202 + 10 * [1..=6], "velocity Kd", Choice, 0..=65535, 5,
             "as in DID 7, sub-command 08",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity.kd);
-        213 + 10 * [0..=5], "velocity Ki", Choice, 0..=65535, 0,
+        203 + 10 * [1..=6], "velocity Ki", Choice, 0..=65535, 0,
             "in hundredths, however DID 7 reads it",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity.ki_hundredths);
-        214 + 10 * [0..=5], "sensor", Choice, 0..=3, 0,
+        204 + 10 * [1..=6], "sensor", Choice, 0..=3, 0,
             "0 as commands imply, 1 one potentiometer, 2 two, 3 the encoder; as sub-command 0D",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.sensor);
-        215 + 10 * [0..=5], "method", Choice, 0..=3, 0,
+        205 + 10 * [1..=6], "method", Choice, 0..=3, 0,
             "0 as commands imply, 1 PWM, 2 position, 3 velocity; as sub-command 0E",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.method);
-        216 + 10 * [0..=5], "polarity", Choice, 0..=1, 0,
+        206 + 10 * [1..=6], "polarity", Choice, 0..=1, 0,
             "0 positive PWM makes the sensor's counts rise, 1 fall; as sub-command 06",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.polarity);
     }
@@ -480,10 +481,10 @@ settings! {
             "fault 21: from this on there is none (4040 is 80 degrees)";
     }
     and {
-        80 + 2 * [0..=5], "soft limit low", Counts, 0..=32767, 0,
-            "channel n is driven no lower; equal to the next one it is off",
+        78 + 2 * [1..=6], "soft limit low", Counts, 0..=32767, 0,
+            "channel n is driven no lower; off if equal to the next one, or if that is beyond the sensor",
             |s, n| Some(&mut s.control.soft_limits.get_mut(n)?.low);
-        81 + 2 * [0..=5], "soft limit high", Counts, 0..=32767, 0,
+        79 + 2 * [1..=6], "soft limit high", Counts, 0..=32767, 0,
             "channel n is driven no higher; not below the one before",
             |s, n| Some(&mut s.control.soft_limits.get_mut(n)?.high);
     }
