@@ -17,7 +17,7 @@
 
 mod shaft;
 
-use std::ops::RangeInclusive;
+use core::ops::RangeInclusive;
 
 use protocol::dynamixel::{Access, Errors, REGISTER_BYTES, Register};
 
