@@ -207,26 +207,27 @@ fn a_servo_that_cannot_be_read_holds_the_first_report_up_for_a_second_at_the_mos
     assert_eq!(first, [true, false, true]);
 
     // It does not take its limits.
-    let mut all = servos([1, 2]);
-    all[1].set(Register::LOCK, 1);
-    let mut bench = Bench::new(all);
-    bench.run_ms(1000);
-    bench.answer(250, &[limits(0, 900)]);
-    bench.agreed = 2;
+    let mut bench = with_a_locked_servo();
     bench.run_ms(990);
     assert!(bench.reports().is_empty());
     bench.run_ms(30);
     assert!(bench.reports()[0][0].is_some());
 }
 
-#[test]
-fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared() {
+/// Two servos at work, of which the second does not take the limits that it is told.
+fn with_a_locked_servo() -> Bench {
     let mut all = servos([1, 2]);
     all[1].set(Register::LOCK, 1);
     let mut bench = Bench::new(all);
     bench.run_ms(1000);
     bench.answer(250, &[limits(0, 900)]);
     bench.agreed = 2;
+    bench
+}
+
+#[test]
+fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared() {
+    let mut bench = with_a_locked_servo();
     bench.run_ms(500);
     bench.said();
     bench.run_alive_ms(10_000, goal(600));
