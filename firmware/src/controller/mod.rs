@@ -249,7 +249,7 @@ impl Controller {
                 drive: axis.drive(),
                 sensor: axis.sensor(),
                 reading,
-                full_speed: self.settings.full_speed(axis.sensor()),
+                full_speed: self.settings.known_full_speed(axis.sensor()),
                 method: axis.method(),
                 set_point: axis.set_point(),
                 error: axis.error(reading),
@@ -445,9 +445,9 @@ impl Controller {
             if let Some(angle) = angle(channel, sensor, motion) {
                 self.angles[i].update(angle, scale(sensor));
             }
+            let reading = self.reading_by(channel, sensor);
+            self.axes[i].set_sensor(sensor, reading);
+            self.axes[i].adopt(&self.settings, i);
         }
-        let reading = self.reading_by(channel, sensor);
-        self.axes[i].set_sensor(sensor, reading);
-        self.axes[i].adopt(&self.settings, i);
     }
 }

@@ -66,11 +66,6 @@ impl SoftLimits {
     pub fn are_set(&self) -> bool {
         self.low < self.high
     }
-
-    /// The target, or the limit that it is beyond.
-    pub fn clamp(&self, target: i16) -> i16 {
-        if self.are_set() { target.clamp(self.low, self.high) } else { target }
-    }
 }
 
 /// A DC channel: how it is wired and controlled, and what its drive and set-point are held to. None of
@@ -125,13 +120,21 @@ pub(crate) fn has_sensor(channel: usize, sensor: Sensor) -> bool {
 }
 
 impl ControlSettings {
-    /// Counts per second at full drive, by the sensor that counts.
+    /// Counts per second at full drive, by the sensor that counts; 0 is not known.
     pub fn full_speed(&self, sensor: Sensor) -> u32 {
         match sensor {
             Sensor::Encoder => self.full_speed_encoder,
             Sensor::SinglePotentiometer | Sensor::DualPotentiometer => {
                 self.full_speed_potentiometer
             }
+        }
+    }
+
+    /// The same where a number is needed: the default if none is known.
+    pub fn known_full_speed(&self, sensor: Sensor) -> u32 {
+        match self.full_speed(sensor) {
+            0 => Self::DEFAULT.full_speed(sensor),
+            known => known,
         }
     }
 }

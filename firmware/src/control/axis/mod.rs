@@ -42,10 +42,6 @@ const HOLD_BAND: Counts = Counts::const_from_int(128);
 /// Counts of error that drive a position loop fully at Kp 1 ([`pid`](super::pid)).
 const FULL_DRIVE_COUNTS: i32 = 1 << 15;
 
-/// What a motor makes at full drive if no setting says so: the settings' defaults.
-const DEFAULT_SPEED_ENCODER: i32 = 16_384;
-const DEFAULT_SPEED_POTENTIOMETER: i32 = 4096;
-
 /// Periods in which the drive crosses over from one loop to another: 64 ms.
 pub const HANDOVER: u8 = 1 << HANDOVER_SHIFT;
 const HANDOVER_SHIFT: u32 = 6;
@@ -106,11 +102,11 @@ pub struct Axis {
 
     position: Gains,
     velocity: Gains,
-    /// Counts per second at full drive, and the drive of one of them, in parts of full drive.
+    /// Counts per second at full drive, and what is fed forward for one of them, in parts of full drive:
+    /// nothing, if no setting knows the former.
     full_speed: i32,
     feed_forward: FixedI32<U24>,
     settings: ChannelSettings,
-    soft_limits: SoftLimits,
     track: Track,
     /// How old a motion command may get, 0 for ever, and how old the last one is; how old its timed move.
     oldest: u16,
@@ -156,7 +152,6 @@ impl Axis {
             full_speed: 0,
             feed_forward: FixedI32::ZERO,
             settings: ChannelSettings::DEFAULT,
-            soft_limits: SoftLimits::NONE,
             track: Track::new(Sensor::SinglePotentiometer, &SoftLimits::NONE),
             oldest: 0,
             age: 0,
@@ -334,10 +329,10 @@ impl Axis {
     }
 
     /// What measures the shaft from now on. `now` is the new sensor's reading; a running loop holds there.
+    /// What goes by the sensor comes with [`adopt`](Self::adopt).
     pub fn set_sensor(&mut self, sensor: Sensor, now: Reading) {
         if sensor != self.sensor {
             self.sensor = sensor;
-            self.track = Track::new(sensor, &self.soft_limits);
             self.last = now;
             if self.method != Method::Pwm {
                 self.start_over(self.method, now);
@@ -367,10 +362,11 @@ impl Axis {
     /// Goes by these gains, limits and speeds from now on, as the channel of this index. What an integral
     /// has gathered goes with its gain, over [`HANDOVER`] periods.
     pub fn adopt(&mut self, settings: &ControlSettings, index: usize) {
-        let full_speed = settings.full_speed(self.sensor);
-        self.full_speed = i32::try_from(full_speed).unwrap_or(i32::MAX);
-        self.feed_forward =
-            FixedI32::<U24>::ONE.checked_div_int(self.full_speed).unwrap_or(FixedI32::ZERO);
+        let whole = |speed: u32| i32::try_from(speed).unwrap_or(i32::MAX);
+        self.full_speed = whole(settings.known_full_speed(self.sensor));
+        self.feed_forward = FixedI32::<U24>::ONE
+            .checked_div_int(whole(settings.full_speed(self.sensor)))
+            .unwrap_or(FixedI32::ZERO);
         self.settings = settings.channels.get(index).copied().unwrap_or(ChannelSettings::DEFAULT);
         self.position = Gains::new(Loop::Position, self.settings.position);
         self.velocity = Gains::new(Loop::Velocity, self.settings.velocity);
@@ -384,8 +380,8 @@ impl Axis {
             self.old_drive = self.drive;
             self.handover = HANDOVER;
         }
-        self.soft_limits = settings.soft_limits.get(index).copied().unwrap_or(SoftLimits::NONE);
-        self.track = Track::new(self.sensor, &self.soft_limits);
+        let soft_limits = settings.soft_limits.get(index).unwrap_or(&SoftLimits::NONE);
+        self.track = Track::new(self.sensor, soft_limits);
         self.oldest = settings.oldest_command;
         self.longest_move = settings.longest_move;
     }
@@ -397,15 +393,6 @@ impl Axis {
             return MotorOutput::default();
         }
         self.step_on(now, &limits())
-    }
-
-    /// Counts per second at full drive; without a setting, the settings' default.
-    fn known_full_speed(&self) -> i32 {
-        match (self.full_speed, self.sensor) {
-            (0, Sensor::Encoder) => DEFAULT_SPEED_ENCODER,
-            (0, _) => DEFAULT_SPEED_POTENTIOMETER,
-            (known, _) => known,
-        }
     }
 
     /// Starts a method from where shaft and drive are, staying there.
@@ -483,7 +470,7 @@ impl Axis {
             }
             Method::Position if most > 0 => {
                 let slope = match periods {
-                    0 => i64::from(self.known_full_speed()) << 8,
+                    0 => i64::from(self.full_speed) << 8,
                     periods => a_second.checked_div(periods.into()).unwrap_or(0),
                 };
                 Course::Profile(Profile::new(way, saturate(slope), most, &self.course))

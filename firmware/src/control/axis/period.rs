@@ -83,7 +83,7 @@ impl Axis {
     /// The limits from outside, and what the soft limits forbid.
     fn within_soft_limits(&self, now: Reading, limits: &Limits) -> Limits {
         let mut limits = *limits;
-        self.track.hold_within(now, self.known_full_speed(), &mut limits);
+        self.track.hold_within(now, self.full_speed, &mut limits);
         limits
     }
 
@@ -99,7 +99,7 @@ impl Axis {
             let (mut low, mut high) = (self.drive.min(Drive::ZERO), self.drive.max(Drive::ZERO));
             if self.is_stop {
                 // What stops may brake with all it has, and drives no harder than before.
-                let (speed, slow) = (now.velocity, track::creep(self.known_full_speed()));
+                let (speed, slow) = (now.velocity, track::creep(self.full_speed));
                 low = if speed > slow { Drive::NEG_ONE } else { low };
                 high = if speed < slow.saturating_neg() { Drive::ONE } else { high };
             } else {
@@ -118,7 +118,7 @@ impl Axis {
             Method::Velocity => self.set_point,
             Method::Position => 0,
         };
-        let full_speed = self.known_full_speed();
+        let full_speed = self.full_speed;
         (set_point != 0).then(|| self.track.pushed_back(now, set_point > 0, full_speed)).flatten()
     }
 

@@ -48,7 +48,7 @@ pub struct Observed {
     pub sensor: Sensor,
     /// Position and velocity.
     pub reading: Reading,
-    /// Counts per second at full drive; 0 is not known.
+    /// Counts per second at full drive.
     pub full_speed: u32,
     /// What the loop is for; PWM is none.
     pub method: Method,

@@ -1,9 +1,9 @@
 //! What a closed loop, or a soft limit, makes of its shaft: it drives it the wrong way, or it hunts.
 
-use protocol::pms5005::{Method, Sensor};
+use protocol::pms5005::Method;
 
 use super::{Observed, reached};
-use crate::settings::{ChannelFaultSettings, ControlSettings};
+use crate::settings::ChannelFaultSettings;
 use crate::units::{Counts, CountsPerSecond, Drive, PERIODS_PER_SECOND};
 
 /// For so long the estimate of the velocity may rise after the drive has turned round, or after a
@@ -55,12 +55,7 @@ impl WrongWay {
             self.slowest = self.slowest.max(speed);
         }
         self.way = self.way.saturating_add(speed.to_num::<i32>().unsigned_abs().into());
-        let full_speed = match (now.full_speed, now.sensor) {
-            (0, Sensor::Encoder) => ControlSettings::DEFAULT.full_speed_encoder,
-            (0, _) => ControlSettings::DEFAULT.full_speed_potentiometer,
-            (known, _) => known,
-        };
-        let bearable = u64::from(full_speed).saturating_mul(settings.wrong_way_ms.into());
+        let bearable = u64::from(now.full_speed).saturating_mul(settings.wrong_way_ms.into());
         if settings.wrong_way_ms == 0 || self.begun < SETTLES || self.way < bearable {
             return false;
         }
