@@ -125,7 +125,7 @@ pub async fn control<M: RawMutex, C: Copy>(
     channels: &Channels<M, C>,
     mut feed: impl FnMut(bool),
 ) -> ! {
-    let mut due = Instant::now();
+    let mut due = period_before(Instant::now());
     let mut worst_latency_us = 0;
     loop {
         due += CONTROL_PERIOD;
@@ -163,6 +163,21 @@ pub async fn control<M: RawMutex, C: Copy>(
         snapshot.worst_latency_us = worst_latency_us;
         channels.snapshot.set(&snapshot);
     }
+}
+
+/// Control periods begin at whole milliseconds of the clock: when the newest did.
+fn period_before(now: Instant) -> Instant {
+    Instant::from_ticks(now.as_ticks() / CONTROL_PERIOD.as_ticks() * CONTROL_PERIOD.as_ticks())
+}
+
+/// How long before a control period the line is looked at: from the look to the queued command it
+/// takes some 20 us, and as much again if an answer is just being made.
+const LOOK_LEAD: Duration = Duration::from_micros(150);
+
+/// When a line that does not wake anybody is looked at next: once a control period, shortly before
+/// it. From the last byte of a command to control it takes a period and [`LOOK_LEAD`] at most.
+pub fn next_look(now: Instant) -> Instant {
+    period_before(now + LOOK_LEAD) + CONTROL_PERIOD - LOOK_LEAD
 }
 
 fn microseconds(time: Duration) -> u16 {
@@ -270,12 +285,16 @@ pub async fn link<M: RawMutex, S: Session>(
             let upkeep_done = channels.upkeep_done.wait();
             let event = select3(upkeep_done, rx.read(&mut buffer), Timer::at(until)).await;
             let mut due = None;
+            let mut more_may_wait = false;
             let mut bytes: &[u8] = match event {
                 Either3::First(result) => {
                     due = session.borrow_mut().upkeep_done(result);
                     &[]
                 }
-                Either3::Second(Ok(count)) if count > 0 => &buffer[..count],
+                Either3::Second(Ok(count)) if count > 0 => {
+                    more_may_wait = count == CHUNK;
+                    &buffer[..count]
+                }
                 Either3::Second(end_or_error) => {
                     session.borrow_mut().line_failed();
                     if end_or_error.is_err() {
@@ -332,8 +351,9 @@ pub async fn link<M: RawMutex, S: Session>(
                 }
             }
             something_to_send.signal(());
-            // On a line without a speed limit the answers would else wait for a pause.
-            yield_now().await;
+            if more_may_wait {
+                yield_now().await; // or on a line without a speed limit answers waited for a pause
+            }
         }
     };
 

@@ -1,7 +1,7 @@
 //! The host's line: a UART, 8N1 at the image's baud, `embedded_io_async`'s `Read` and `Write`.
 //!
-//! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at every
-//! [`LOOK_PERIOD`]. embassy's own receivers are not used, because each of their looks reads the
+//! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at shortly before each
+//! control period ([`next_look`](crate::app::next_look)). embassy's own receivers are not used, because each of their looks reads the
 //! data register, and a byte that arrives at that moment is lost to the DMA. What is lost or
 //! damaged all the same is an error once, which the session counts; reading goes on after it.
 //! Sending is DMA by embassy's transmitter, which touches only the transmit side.
@@ -64,15 +64,13 @@ mod real {
     use embassy_stm32::pac::usart::Usart;
     pub use embassy_stm32::usart::InterruptHandler;
     use embassy_stm32::usart::{self, Instance, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx};
-    use embassy_time::{Duration, Timer};
+    use embassy_time::{Instant, Timer};
     use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
+
+    use crate::app::next_look;
 
     use super::super::dma::{Round, Stream};
     use super::{CORE_STOOD_STILL, Parts, RING, config};
-
-    /// The ring is looked at this often. It bounds the answer's delay, and costs some 0.2 % of the
-    /// processor.
-    const LOOK_PERIOD: Duration = Duration::from_millis(1);
 
     /// Written by the DMA.
     static BYTES: [AtomicU8; RING] = [const { AtomicU8::new(0) }; RING];
@@ -164,7 +162,7 @@ mod real {
         async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
             loop {
                 match self.take(buffer)? {
-                    0 => Timer::after(LOOK_PERIOD).await,
+                    0 => Timer::at(next_look(Instant::now())).await,
                     count => return Ok(count),
                 }
             }

@@ -41,8 +41,6 @@ fn phase() -> u32 {
 const PERIOD: u32 = 1000 * TICKS_PER_US;
 /// Ticks of a byte at 115200 baud.
 const BYTE: u32 = 25_000_000 / 11_520;
-/// How often the board looks into its ring (firmware/src/board/line.rs).
-const LOOK_PERIOD: Duration = Duration::from_millis(1);
 
 /// Control periods with the line saturated, and with a host that waits.
 const SATURATED_PERIODS: u32 = 50_000;
@@ -275,7 +273,7 @@ impl Read for Host {
                 count += 1;
             }
             match count {
-                0 => Timer::after(LOOK_PERIOD).await,
+                0 => Timer::at(app::next_look(Instant::now())).await, // as board/line.rs does
                 count => return Ok(count),
             }
         }
