@@ -1,12 +1,8 @@
 //! The controller's vocabulary: what a personality may ask of it, and why it may refuse.
 
-use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{CHANNELS, Channel, Method, Scope};
-
+use crate::channel::{CHANNELS, Channel, Method, Scope};
 use crate::control::axis::AxisRefusal;
-
-/// Channels 0 and 1 have encoders.
-pub const ENCODERS: usize = 2;
+use crate::safety::faults::Fault;
 
 /// What a personality asks of the controller. A command takes effect whole, in one control period.
 /// Aligned, and so copied word by word: interrupts are off meanwhile, and control waits.
@@ -69,6 +65,6 @@ impl core::fmt::Display for Refused {
             AxisRefusal::BeyondScale => "the target lies beyond the sensor's scale",
             AxisRefusal::OtherMethod => "it was set to another method (sub-command 0E)",
         };
-        write!(f, "channel {}: {why}", self.channel.number())
+        write!(f, "channel {}: {why}", self.channel.index())
     }
 }

@@ -29,6 +29,7 @@ pub mod app;
 #[cfg(all(target_os = "none", feature = "stm32f4"))]
 #[allow(unsafe_code)] // registers and interrupt vectors; every block says why it may
 pub mod board;
+pub mod channel;
 pub mod command;
 pub mod control;
 pub mod controller;

@@ -5,8 +5,7 @@
 //! one `write` call is one frame. Nor does the flash: it is `embedded_storage`'s
 //! `NorFlash`, which blocks.
 
-use protocol::pms5005::CHANNELS;
-
+use crate::channel::{CHANNELS, ENCODERS};
 use crate::units::{Duty, ServoPulse};
 
 /// What is measured afresh for every control period. Aligned, and so copied word by word.
@@ -18,7 +17,7 @@ pub struct MotionInputs {
     /// Motor currents 1 to 6, A/D counts 0 to 4095.
     pub currents: [u16; CHANNELS],
     /// Quadrature counters of channels 0 and 1, 16 bits, wrapping.
-    pub encoders: [u16; 2],
+    pub encoders: [u16; ENCODERS],
 }
 
 /// What is measured as fast as it comes, several times a second. Aligned, and so copied word by
@@ -127,6 +126,21 @@ pub enum Program {
     Firmware,
     /// The ROM's loader for new firmware over USB.
     DfuLoader,
+}
+
+/// Why the board has started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResetCause {
+    /// Not known.
+    Unknown,
+    /// Power came on, or came back.
+    Power,
+    /// The reset pin.
+    Pin,
+    /// The program restarted itself.
+    Software,
+    /// The watchdog: a task had hung, or the program had failed.
+    Watchdog,
 }
 
 /// The processor and its watchdog.

@@ -25,10 +25,9 @@ use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::Session;
 use firmware::personality::pms5005::Pms5005;
-use firmware::ports::{Outputs, Program, SystemPort};
+use firmware::ports::{Outputs, Program, ResetCause, SystemPort};
 use firmware::settings::Settings;
-use firmware::settings::store::Store;
-use protocol::pms5005::extension::{Origin, ResetCause};
+use firmware::settings::store::{Origin, Store};
 
 use crate::clock;
 use crate::flash::{self, Flash};

@@ -11,8 +11,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use program::{Board, PATIENCE, program};
+use protocol::extension::{Action, Assignments, Request, Verdict};
 use protocol::pms5005 as wire;
-use protocol::pms5005::extension::{Action, Assignments, Request, Verdict};
 use protocol::pms5005::{Frame, Receiver};
 
 const FREE_PORTS: [&str; 4] = ["--tcp", "127.0.0.1:0", "--udp", "127.0.0.1:0"];

@@ -13,8 +13,8 @@ use program::{Board, PATIENCE, program, refused};
 use protocol::arcos::{
     ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest, extension,
 };
+use protocol::extension::{Action, Assignments, Request, Verdict};
 use protocol::pms5005::Data;
-use protocol::pms5005::extension::{Action, Assignments, Request, Verdict};
 use serde_json::json;
 
 fn arm(options: &[&str]) -> Board {

@@ -10,7 +10,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use program::{Board, PATIENCE, cannot_run, program, refused};
-use protocol::pms5005::extension::{Action, Assignments, Request};
+use protocol::extension::{Action, Assignments, Request};
 use protocol::pms5005::{self as wire, Frame, Quantity, Receiver};
 use serde_json::json;
 

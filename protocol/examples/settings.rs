@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use protocol::arcos::{self, Arcos, Packet, SYNC, Standard, command};
 use protocol::deframe::{Deframer, Framing};
-use protocol::pms5005::extension::{Action, Answer, Assignments, Request, Verdict};
+use protocol::extension::{Action, Answer, Assignments, Request, Verdict};
 use protocol::pms5005::{Command, Data, Frame, Pms5005};
 
 type Anything<T> = Result<T, Box<dyn std::error::Error>>;

@@ -11,6 +11,7 @@
 //! - [`cm5`]: the link between a PC and a CM-5, as we reconstructed it;
 //! - [`deframe`]: the resynchronising receiver, generic over a [`deframe::Framing`];
 //! - [`pms5005`]: the WiRobot PMS5005 motion and sensing controller;
+//! - [`extension`]: settings, health and faults by number, carried by the PMS5005's frames and by ARCOS;
 //! - [`arcos`]: the packets of ARCOS, and the Pioneer Arm's among them;
 //! - [`dynamixel`]: the servo bus of the CM-5 and its AX-12 servos.
 //!
@@ -46,4 +47,6 @@ pub mod cm5;
 mod data;
 pub mod deframe;
 pub mod dynamixel;
+pub mod extension;
 pub mod pms5005;
+mod repeat;

@@ -1,7 +1,7 @@
 //! The extension (DIDs 96 to 101) as a host uses it, over any wire that carries it.
 
+use protocol::extension::{Action, Answer, Assignments, Identity, Latched, Verdict};
 use protocol::pms5005::Data;
-use protocol::pms5005::extension::{Action, Answer, Assignments, Identity, Latched, Verdict};
 
 use crate::host::{Board, Host};
 

@@ -30,5 +30,16 @@ pub mod host;
 pub mod pms5005;
 pub mod timeline;
 
+use firmware::channel::Channel;
 pub use pms5005::{Bench, Received};
+use protocol::extension::Fault;
 pub use timeline::Link;
+
+/// The latched faults in the extension's words: with their channels, from 0, or none for the board's.
+pub fn latched(snapshot: &firmware::controller::Snapshot) -> Vec<(Fault, Option<u8>)> {
+    let name = |(fault, channel): (firmware::safety::faults::Fault, Option<Channel>)| {
+        let fault = Fault::from_number(fault.number()).expect("it has the same number");
+        (fault, channel.map(|channel| channel.index() as u8))
+    };
+    snapshot.faults.iter().map(name).collect()
+}

@@ -3,13 +3,13 @@
 
 use hal_mock::board::Make;
 use hal_mock::flash::{Flash, SIZE};
-use protocol::pms5005::extension::{
+use protocol::extension::{
     Action, Answer, Assignments, Counters, Description, Fault, FaultRecord, Health, Identity,
     Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
 };
 use protocol::pms5005::{
     Channel, Command, EncodeError, Frame, Gain, Loop, Method, Parameter, Polarity, Quantity,
-    Repeat, Reports, Scope, Sensor, did,
+    Repeat, Reports, Scope, Sensor, did, encode_answer,
 };
 use tests::Link::Silent;
 use tests::extension::assign;
@@ -27,7 +27,7 @@ fn written(request: Request) -> (u8, Vec<u8>) {
 /// DID and DATA of an answer, as they stand in the frame.
 fn told(answer: Answer) -> (u8, Vec<u8>) {
     let mut buffer = [0; 264];
-    let frame = answer.encode(&mut buffer).unwrap();
+    let frame = encode_answer(&answer, &mut buffer).unwrap();
     let frame = Frame::parse(frame).unwrap();
     assert_eq!((frame.rid, frame.res), (0, 255));
     assert_eq!(Answer::parse(frame.did, frame.data), Some(answer));
@@ -86,7 +86,7 @@ fn table_e_2_byte_by_byte() {
         Description { member: Some(10), ..setting },
         Description { name: "a name of more than 24 bytes", ..setting },
     ] {
-        let refused = Answer::Setting(bad).encode(&mut [0; 264]).err();
+        let refused = encode_answer(&Answer::Setting(bad), &mut [0; 264]).err();
         assert_eq!(refused, Some(EncodeError::NotRepresentable), "{bad}");
     }
 
@@ -115,7 +115,7 @@ fn table_e_2_byte_by_byte() {
 
     let record = FaultRecord {
         fault: Fault::Stall,
-        channel: Channel::new(5),
+        channel: Some(5),
         uptime_ms: 0x0403_0201,
         values: [-1, 2, 0x0304],
     };
@@ -341,7 +341,7 @@ fn damaged_settings_are_a_fault_until_it_is_cleared() {
 #[test]
 fn a_start_by_the_watchdog_is_a_fault() {
     let mut bench = Bench::quiet();
-    bench.board.start_again(ResetCause::Watchdog);
+    bench.board.start_again(firmware::ports::ResetCause::Watchdog);
     bench.run_ms(20);
     bench.hush();
     assert_eq!(bench.identity().reset, ResetCause::Watchdog);

@@ -2,11 +2,11 @@
 //! cogging. Beside it a textbook PID in floating point with the same physical gains, which is fed the
 //! same set-points on a plant of its own.
 
+use firmware::channel::Method;
 use firmware::command::Command;
 use firmware::controller::Controller;
 use firmware::ports::{MotionInputs, MotorOutput, Sensors};
 use firmware::settings::Settings;
-use protocol::pms5005::Method;
 use tests::foreign::{Motor, Parameters, TextbookPid};
 
 const FULL_SPEED: f64 = 16_384.0;

@@ -11,7 +11,7 @@ use std::thread;
 
 use hal_mock::board::Make;
 use hal_mock::plant::{MotorScene, Scene, ShaftSensor};
-use protocol::pms5005::extension::Fault;
+use protocol::extension::Fault;
 use protocol::pms5005::{Channel, Gain, Loop, Parameter, Polarity, Quantity, Sensor};
 use tests::Bench;
 
@@ -99,8 +99,8 @@ fn with(wheel: &Wheel) -> Bench {
 }
 
 /// The faults, of channels alone.
-fn faults(bench: &Bench) -> Vec<(Fault, Option<Channel>)> {
-    bench.board.snapshot().faults.iter().collect()
+fn faults(bench: &Bench) -> Vec<(Fault, Option<u8>)> {
+    tests::latched(&bench.board.snapshot())
 }
 
 /// Asks that of two wheels for so long; what has tripped. The second hears it 5 ms later.

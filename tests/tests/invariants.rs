@@ -7,18 +7,20 @@
 use std::thread;
 
 use embassy_time::Instant;
+use firmware::channel::{Channel, Polarity, Scope};
 use firmware::command::Command;
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
 use firmware::personality::{MAX_FRAME, Request, Session};
 use firmware::ports::Sensors;
+use firmware::safety::faults::Fault;
 use firmware::settings::{ControlSettings, Settings, SoftLimits};
 use hal_mock::plant::{Overrides, Plant, Scene};
-use protocol::pms5005::extension::{Action, Fault, Request as Extension};
+use protocol::extension::{Action, Request as Extension};
 use protocol::pms5005::{
-    self as wire, Addressing, CHANNELS, Channel, Data, Gain, Loop, Method, Move, Parameter,
-    Parameters, Polarity, Quantity, Repeat, Reports, Scope, Sensor,
+    self as wire, Addressing, CHANNELS, Data, Gain, Loop, Method, Move, Parameter, Parameters,
+    Quantity, Repeat, Reports, Sensor,
 };
 
 /// Four seeds of six hours are a day.
@@ -48,14 +50,17 @@ impl Random {
         all[self.below(all.len() as u32) as usize]
     }
 
-    fn channel(&mut self) -> Channel {
-        self.of(&Channel::ALL)
+    fn channel(&mut self) -> wire::Channel {
+        self.of(&wire::Channel::ALL)
     }
 
     fn parameter(&mut self) -> Parameter {
         let channel = self.channel();
         match self.below(6) {
-            0 => Parameter::Polarity(channel, self.of(&[Polarity::Positive, Polarity::Negative])),
+            0 => Parameter::Polarity(
+                channel,
+                self.of(&[wire::Polarity::Positive, wire::Polarity::Negative]),
+            ),
             1 => {
                 let sensors =
                     [Sensor::SinglePotentiometer, Sensor::DualPotentiometer, Sensor::Encoder];
@@ -82,7 +87,11 @@ impl Random {
     /// A frame of a host, with one parameter in it at most.
     fn frame<'b>(&mut self, buffer: &'b mut [u8]) -> Option<&'b mut [u8]> {
         let mut data = Data::new();
-        let scopes = [Scope::All, Scope::Motor(self.channel()), Scope::Servo(self.channel())];
+        let scopes = [
+            wire::Scope::All,
+            wire::Scope::Motor(self.channel()),
+            wire::Scope::Servo(self.channel()),
+        ];
         let command = match self.below(9) {
             0..4 => {
                 let quantity = self.of(&[

@@ -2,12 +2,12 @@
 
 use embassy_time::Instant;
 use firmware::command::Command;
-use firmware::control::pid::HostGains;
 use firmware::personality::pms5005::Pms5005;
 use firmware::personality::{Boot, Request, Session};
+use firmware::settings::HostGains;
 use firmware::settings::{ControlSettings, Settings};
 use hal_mock::board::Make;
-use protocol::pms5005::extension::{Answer, Assignments, Request as Asked, Verdict};
+use protocol::extension::{Answer, Assignments, Request as Asked, Verdict};
 use protocol::pms5005::{
     self as wire, Addressing, Channel, Data, Frame, Gain, Loop, Method, Move, Parameter, Quantity,
     Sensor, did,

@@ -3,7 +3,7 @@
 use firmware::settings::Settings;
 use hal_mock::board::Make;
 use hal_mock::plant::{Motor, MotorScene, Scene, ShaftSensor};
-use protocol::pms5005::extension::Request;
+use protocol::extension::Request;
 use protocol::pms5005::{
     Addressing, Channel, Command, Frame, Method, Move, Parameter, Polarity, Quantity, Repeat,
     Scope, Sensor, did,

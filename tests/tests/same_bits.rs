@@ -4,11 +4,11 @@
 //! Inputs come from an integer generator, not from the simulated plant, so that nothing but the
 //! controller's own arithmetic is in the digest.
 
+use firmware::channel::{Method, Polarity, Scope, Sensor};
 use firmware::command::Command;
 use firmware::controller::Controller;
 use firmware::ports::{MotionInputs, Sensors};
 use firmware::settings::{ControlSettings, Settings};
-use protocol::pms5005::{Method, Polarity, Scope, Sensor};
 
 /// FNV-1a over all outputs of all periods.
 struct Digest(u64);

@@ -8,7 +8,7 @@
 use firmware::settings::Settings;
 use hal_mock::board::Make;
 use proptest::prelude::*;
-use protocol::pms5005::extension::{Action, Assignments, Request};
+use protocol::extension::{Action, Assignments, Request};
 use protocol::pms5005::{
     Addressing, Channel, Command, Data, Gain, Loop, Method, Move, Parameter, Polarity, Quantity,
     Repeat, Reports, Scope, Sensor,
@@ -80,7 +80,8 @@ fn stop(bench: &mut Bench, stop: Stop) {
         Stop::Fault => {
             // A driver that is too hot for a second.
             bench.board.plant.borrow_mut().overrides.overheat[0] = Some(1000);
-            while !bench.board.snapshot().faults.stops_motor(Channel::ALL[WHEEL]) {
+            while !bench.board.snapshot().faults.stops_motor(firmware::channel::Channel::ALL[WHEEL])
+            {
                 bench.run_alive_ms(1);
             }
             bench.board.plant.borrow_mut().overrides.overheat[0] = None;
@@ -244,7 +245,7 @@ fn trip(bench: &mut Bench) {
 }
 
 fn is_latched(bench: &Bench) -> bool {
-    bench.board.snapshot().faults.stops_motor(Channel::ALL[WHEEL])
+    bench.board.snapshot().faults.stops_motor(firmware::channel::Channel::ALL[WHEEL])
 }
 
 /// The stops that an old host knows.

@@ -2,10 +2,9 @@
 //! ones, and says when it has neither.
 
 use firmware::settings::Settings;
-use firmware::settings::store::{SaveFailed, Store};
+use firmware::settings::store::{Origin, SaveFailed, Store};
 use firmware::settings::table::COUNT;
 use hal_mock::flash::{Flash, SECTOR, SIZE};
-use protocol::pms5005::extension::Origin;
 
 /// Bytes of a record in the flash, at least: six a setting, and what the map and we put around them.
 const RECORD: usize = 6 * COUNT + 13;

@@ -3,7 +3,7 @@
 
 use hal_mock::board::Make;
 use hal_mock::tasks::Task;
-use protocol::pms5005::extension::{Fault, did};
+use protocol::extension::{Fault, did};
 use protocol::pms5005::{Command, Quantity};
 use tests::Bench;
 
@@ -22,7 +22,7 @@ fn is_off(bench: &Bench) -> bool {
 }
 
 fn latched(bench: &Bench) -> Vec<Fault> {
-    bench.board.snapshot().faults.iter().map(|(fault, _)| fault).collect()
+    tests::latched(&bench.board.snapshot()).into_iter().map(|(fault, _)| fault).collect()
 }
 
 #[test]
@@ -158,7 +158,7 @@ fn a_transmitter_that_never_ends_is_a_hang_too_though_the_host_is_heard() {
         }
         // The three reports of telemetry take 9 ms of every 50; then it hangs in the next.
         let (off, reset) = (off.expect("off"), reset.expect("a reset"));
-        assert!((80..=145).contains(&off) && reset - off == 52, "{off} {reset}");
+        assert!((80..=145).contains(&off) && (51..=52).contains(&(reset - off)), "{off} {reset}");
     }
 }
 

@@ -34,12 +34,12 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
-use protocol::pms5005::extension::Fault;
 
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
+use crate::safety::faults::Fault;
 use crate::settings::store::Store;
 use crate::settings::{ControlSettings, Settings};
 use crate::units::CONTROL_PERIOD_MS;

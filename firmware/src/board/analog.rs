@@ -24,6 +24,7 @@
 
 use core::sync::atomic::{AtomicU16, Ordering};
 
+use crate::channel::CHANNELS;
 use embassy_stm32::Peri;
 use embassy_stm32::adc::{AnyAdcChannel, RxDma};
 use embassy_stm32::gpio::{AnyPin, Speed};
@@ -34,7 +35,6 @@ use embassy_stm32::pac::timer::vals::{Mms, Ocm};
 use embassy_stm32::pac::{self, ADC1, TIM8};
 use embassy_stm32::peripherals::{self, DMA2_CH0, DMA2_CH1};
 use embassy_stm32::timer::UpDma;
-use protocol::pms5005::CHANNELS;
 
 use super::dma::{Round, Stream};
 use super::drives::Lines;

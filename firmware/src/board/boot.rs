@@ -5,9 +5,9 @@
 
 #[cfg(feature = "qemu")]
 use super::systick;
+use crate::ports::ResetCause;
 use embassy_stm32::rcc::{self, Hse};
 use embassy_stm32::{Peripherals, pac};
-use protocol::pms5005::extension::ResetCause;
 
 /// The processor's clock in MHz, and that of the timers of APB2.
 pub const CORE_MHZ: u32 = 168;

@@ -24,6 +24,7 @@
 //!
 //! Promise: the enable lines are driven low before any timer runs.
 
+use crate::channel::CHANNELS;
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Input, Pull, Speed};
@@ -35,7 +36,6 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::{bind_interrupts, dma, pac};
-use protocol::pms5005::CHANNELS;
 
 use super::analog::{Addresses, Analog};
 use super::bus::Bus;

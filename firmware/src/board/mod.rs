@@ -81,9 +81,9 @@ mod selected;
 
 pub use selected::{Motion, Sensing, start};
 
+use crate::ports::ResetCause;
 use embassy_stm32::gpio::Speed;
 use embassy_stm32::interrupt::typelevel::{Binding, Handler, USART6};
-use protocol::pms5005::extension::ResetCause;
 
 use crate::app::BRIDGE_WATCHDOG_PERIOD;
 use crate::settings::store::Store;

@@ -3,10 +3,10 @@
 //! Promise: registers are written only when an output changes, a bridge's enable line first when
 //! it goes off and last when it goes on.
 
+use crate::channel::CHANNELS;
 use embassy_stm32::gpio::{Level, Output, Pull};
 use embassy_stm32::timer::GeneralInstance4Channel;
 use embassy_stm32::timer::qei::{self, Qei};
-use protocol::pms5005::CHANNELS;
 
 use super::analog::Analog;
 use super::drives::{Drives, servo_compare};

@@ -15,7 +15,7 @@
 //! An encoder tells too late of a shaft that breaks loose slowly: a move of less than some 1000 counts/s
 //! may be faster than asked for a moment, by some 300 counts/s.
 
-use protocol::pms5005::Sensor;
+use crate::channel::Sensor;
 
 use crate::units::{Counts, CountsPerSecond, PERIODS_PER_SECOND};
 

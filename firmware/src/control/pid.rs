@@ -33,30 +33,14 @@
 //! ([`velocity`](super::velocity)): without that a motor four times as fast as its setting runs at twice
 //! the speed asked for a moment. The look-ahead takes its part of the largest Kd, 8 for each Kp.
 
+use crate::channel::Loop;
+use crate::settings::HostGains;
 use fixed::FixedI32;
 use fixed::traits::LossyFrom;
 use fixed::types::{I2F30, I10F54, I16F16, I24F8, extra::U38};
-use protocol::pms5005::Loop;
 
 use super::saturate;
 use crate::units::{Counts, CountsPerSecond, Drive};
-
-/// Gains as the original numbers them, for one loop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct HostGains {
-    /// Kp, 0 to 65535.
-    pub kp: u16,
-    /// Kd, 0 to 65535.
-    pub kd: u16,
-    /// Ki in hundredths, 0 to 65535.
-    pub ki_hundredths: u16,
-}
-
-impl HostGains {
-    /// The original's defaults.
-    pub const DEFAULT: Self = Self { kp: 50, kd: 5, ki_hundredths: 0 };
-}
 
 /// Gains in parts of full drive, ready to multiply: the table of the [module](self).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

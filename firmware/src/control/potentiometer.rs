@@ -19,7 +19,7 @@ const MARGIN: u16 = 128;
 const FADE: u16 = 256;
 
 /// The two potentiometers of channels 0 to 2: indices from 0 (facts of the original's wiring).
-pub const PAIRS: [(usize, usize); 3] = [(0, 5), (1, 4), (2, 3)];
+pub const PAIRS: [(usize, usize); crate::channel::PAIRS] = [(0, 5), (1, 4), (2, 3)];
 
 /// The angle of the shaft, 0 to 4427 counts (with fractions below).
 ///

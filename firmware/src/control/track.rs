@@ -5,7 +5,7 @@
 //! braked, whatever drives it, and one that is pushed against it is held there. What is outside and
 //! still stays where it is: nobody has asked it to come back. Limits beyond the sensor's scale are none.
 
-use protocol::pms5005::Sensor;
+use crate::channel::Sensor;
 
 use super::axis::Reading;
 use super::pid::Limits;

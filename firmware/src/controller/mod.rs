@@ -17,10 +17,8 @@ mod snapshot;
 
 use core::{array, mem};
 
-use protocol::pms5005::extension::{Fault, FaultRecord};
-use protocol::pms5005::{CHANNELS, Channel, Method, Scope, Sensor};
-
-use crate::command::{Command, ENCODERS, Refused};
+use crate::channel::{CHANNELS, Channel, ENCODERS, Method, Scope, Sensor};
+use crate::command::{Command, Refused};
 use crate::control::axis::{Axis, Reading, is_stop};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
@@ -29,7 +27,7 @@ use crate::fmt::warning;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{ChannelMonitor, Observed};
-use crate::safety::faults::{Stops, stops};
+use crate::safety::faults::{Fault, FaultRecord, Stops, stops};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;

@@ -1,7 +1,6 @@
 //! Shafts as their sensors see them: where they are, and how fast they turn.
 
-use protocol::pms5005::{Channel, Sensor};
-
+use crate::channel::{Channel, Sensor};
 use crate::control::axis::Reading;
 use crate::control::potentiometer;
 use crate::control::ring::Scale;

@@ -1,11 +1,9 @@
 //! What a personality may tell of the controller: the state of things after a period.
 
-use protocol::pms5005::CHANNELS;
-use protocol::pms5005::extension::FaultRecord;
-
-use crate::command::ENCODERS;
+use crate::channel::{CHANNELS, ENCODERS};
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::channel::Limiting;
+use crate::safety::faults::FaultRecord;
 use crate::safety::latch::Latched;
 use crate::units::{CountsPerSecond, Duty};
 

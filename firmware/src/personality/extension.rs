@@ -8,17 +8,20 @@ use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
-use protocol::pms5005::extension::{
-    Action, Answer, Assignments, Counters, Fault, Health, Identity, Latched, Origin, Outcome,
-    Request as Asked, ResetCause, VERSION, Verdict,
+use protocol::extension::{
+    self as wire, Action, Answer, Assignments, Counters, Health, Identity, Latched, Outcome,
+    Request as Asked, VERSION, Verdict, did,
 };
-use protocol::pms5005::{Repeat, Scope, did, extension};
+use protocol::pms5005::Repeat;
 
 use super::{Request, Upkeep, UpkeepRefused, count};
+use crate::channel::Scope;
 use crate::command::Command;
 use crate::controller::{ShownFault, Snapshot};
-use crate::ports::Program;
-use crate::settings::{SettingRefused, Settings};
+use crate::ports::{Program, ResetCause};
+use crate::safety::faults::{Fault, FaultRecord};
+use crate::settings::store::Origin;
+use crate::settings::{Setting, SettingRefused, Settings, Unit};
 
 /// Answers that may wait. A host that waits for each before it asks again never has two.
 const ANSWERS_WAITING: usize = 8;
@@ -198,14 +201,14 @@ impl Extension {
             Asked::Setting(number) if self.settings.describe(number).is_none() => {
                 let asked = number.to_le_bytes();
                 let verdict = Verdict::NoSuchSetting;
-                let outcome = Outcome::of(extension::did::SETTING, &asked, verdict);
+                let outcome = Outcome::of(did::SETTING, &asked, verdict);
                 (Some(Owed::Outcome(Outcome { setting: number, ..outcome })), None)
             }
             Asked::Setting(number) => (Some(Owed::Setting(number)), None),
             Asked::Identity => (Some(Owed::Identity), None),
             Asked::Counters => (Some(Owed::Counters), None),
             Asked::Fault(place) if self.asked_fault.is_some() => {
-                let outcome = Outcome::of(extension::did::FAULT, &[place], Verdict::Busy);
+                let outcome = Outcome::of(did::FAULT, &[place], Verdict::Busy);
                 (Some(Owed::Outcome(outcome)), None)
             }
             Asked::Fault(place) => {
@@ -290,12 +293,12 @@ impl Extension {
         counters: impl FnOnce() -> Counters,
     ) -> Option<Answer<'static>> {
         Some(match owed {
-            Owed::Setting(number) => Answer::Setting(self.settings.describe(number)?),
+            Owed::Setting(number) => Answer::Setting(description(self.settings.describe(number)?)),
             Owed::Identity => Answer::Identity(Identity {
                 version: FIRMWARE,
                 extension: VERSION,
-                reset: self.boot.reset,
-                settings: self.boot.settings,
+                reset: reset_cause(self.boot.reset),
+                settings: origin(self.boot.settings),
             }),
             Owed::Counters => Answer::Counters(Counters {
                 commands_refused: snapshot.counters.refused,
@@ -304,7 +307,7 @@ impl Extension {
             }),
             Owed::Fault(place) => {
                 let ShownFault { total, record, .. } = snapshot.shown_fault;
-                Answer::Fault(Latched { place, total, record })
+                Answer::Fault(Latched { place, total, record: record.and_then(fault_record) })
             }
             Owed::Outcome(outcome) => Answer::Outcome(outcome),
         })
@@ -333,5 +336,74 @@ const fn version(number: &str) -> u8 {
     match u8::from_str_radix(number, 10) {
         Ok(number) => number,
         Err(_) => panic!("each part of the version fits a byte"), // when it is compiled
+    }
+}
+
+// The core's words in the wire's.
+
+fn description(setting: Setting) -> wire::Description<'static> {
+    let Setting { number, next, value, range, default, unit, name, member } = setting;
+    let unit = match unit {
+        Unit::Choice => wire::Unit::Choice,
+        Unit::Flag => wire::Unit::Flag,
+        Unit::Bits => wire::Unit::Bits,
+        Unit::Milliseconds => wire::Unit::Milliseconds,
+        Unit::Centimetres => wire::Unit::Centimetres,
+        Unit::AdCounts => wire::Unit::AdCounts,
+        Unit::Counts => wire::Unit::Counts,
+        Unit::CountsPerSecond => wire::Unit::CountsPerSecond,
+        Unit::Duty => wire::Unit::Duty,
+        Unit::Seconds => wire::Unit::Seconds,
+        Unit::Ticks => wire::Unit::Ticks,
+    };
+    wire::Description { number, next, value, range, default, unit, name, member }
+}
+
+fn reset_cause(cause: ResetCause) -> wire::ResetCause {
+    match cause {
+        ResetCause::Unknown => wire::ResetCause::Unknown,
+        ResetCause::Power => wire::ResetCause::Power,
+        ResetCause::Pin => wire::ResetCause::Pin,
+        ResetCause::Software => wire::ResetCause::Software,
+        ResetCause::Watchdog => wire::ResetCause::Watchdog,
+    }
+}
+
+fn origin(origin: Origin) -> wire::Origin {
+    match origin {
+        Origin::Defaults => wire::Origin::Defaults,
+        Origin::Stored => wire::Origin::Stored,
+        Origin::Corrupt => wire::Origin::Corrupt,
+    }
+}
+
+/// Faults have the same numbers in both: a test says so.
+fn fault_record(record: FaultRecord) -> Option<wire::FaultRecord> {
+    let FaultRecord { fault, channel, uptime_ms, values } = record;
+    let channel = channel.map(|channel| channel.index() as u8);
+    let fault = wire::Fault::from_number(fault.number())?;
+    Some(wire::FaultRecord { fault, channel, uptime_ms, values })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_has_the_name_and_the_number_on_the_wire_that_it_has_in_the_core() {
+        let names = |fault: &Fault| (fault.number(), format!("{fault:?}"));
+        let wire_names = |fault: &wire::Fault| (fault.number(), format!("{fault:?}"));
+        let core: Vec<_> = Fault::ALL.iter().map(names).collect();
+        assert_eq!(core, wire::Fault::ALL.iter().map(wire_names).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_setting_can_be_told() {
+        for (number, _) in Settings::DEFAULT.iter() {
+            let answer = Answer::Setting(description(Settings::DEFAULT.describe(number).unwrap()));
+            let mut data = protocol::pms5005::Data::new();
+            answer.emit(&mut data).unwrap();
+            assert_eq!(Answer::parse(did::SETTING, &data), Some(answer));
+        }
     }
 }

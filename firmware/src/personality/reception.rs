@@ -7,7 +7,7 @@
 
 use embassy_time::{Duration, Instant};
 use protocol::deframe::{Deframer, Framing, Reception};
-use protocol::pms5005::extension::Counters;
+use protocol::extension::Counters;
 
 /// How long a frame's bytes may pause.
 const LONGEST_PAUSE: Duration = Duration::from_millis(100);

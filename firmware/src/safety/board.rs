@@ -1,6 +1,6 @@
 //! The monitor of what all channels share: batteries, temperatures, control periods in time.
 
-use protocol::pms5005::extension::Fault;
+use super::faults::Fault;
 
 use crate::ports::Sensors;
 use crate::settings::BoardFaultSettings;

@@ -40,7 +40,90 @@
 //! battery of 0 V runs no board. An input that floats at mid-scale reads 12 V, 4.5 V, 8 and 23
 //! degrees. What sensors read before their first reading is not wired either.
 
-use protocol::pms5005::extension::Fault;
+use crate::channel::Channel;
+
+/// A fault, with its number: 1 to 7 are a channel's, from 16 on the board's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Fault {
+    /// A channel's motor draws too much.
+    OverCurrent = 1,
+    /// A channel is driven and does not turn.
+    Stall = 2,
+    /// A channel does not follow its set-point.
+    TrackingError = 3,
+    /// A channel's sensor says what cannot be.
+    SensorLost = 4,
+    /// A channel's motor draws too much for ever, however little it is driven.
+    Overload = 5,
+    /// A channel's current input reads a current where none can be.
+    CurrentSensor = 6,
+    /// The motors' battery is low.
+    MotorBatteryLow = 16,
+    /// The motors' battery is too high.
+    MotorBatteryHigh = 17,
+    /// The servos' battery is low.
+    ServoBatteryLow = 18,
+    /// The main board's battery is low.
+    MainBatteryLow = 19,
+    /// A motor driver board is too hot.
+    DriverTooHot = 20,
+    /// The surroundings are too hot.
+    AmbientTooHot = 21,
+    /// The host has fallen silent.
+    LinkLoss = 22,
+    /// A control period began too late.
+    PeriodMissed = 23,
+    /// Bytes of the host were lost.
+    ReceiveOverrun = 24,
+    /// The stored settings were damaged or foreign: the board runs on defaults.
+    SettingsCorrupt = 25,
+    /// The watchdog has restarted the board.
+    WatchdogReset = 26,
+}
+
+impl Fault {
+    /// All faults, in the order of their numbers.
+    pub const ALL: &[Self] = &[
+        Self::OverCurrent,
+        Self::Stall,
+        Self::TrackingError,
+        Self::SensorLost,
+        Self::Overload,
+        Self::CurrentSensor,
+        Self::MotorBatteryLow,
+        Self::MotorBatteryHigh,
+        Self::ServoBatteryLow,
+        Self::MainBatteryLow,
+        Self::DriverTooHot,
+        Self::AmbientTooHot,
+        Self::LinkLoss,
+        Self::PeriodMissed,
+        Self::ReceiveOverrun,
+        Self::SettingsCorrupt,
+        Self::WatchdogReset,
+    ];
+
+    /// Its number.
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+}
+
+/// A fault that has tripped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultRecord {
+    /// Which.
+    pub fault: Fault,
+    /// Of which channel; `None` is the board.
+    pub channel: Option<Channel>,
+    /// Uptime in ms when it tripped, by the control periods until then: periods that were missed, and
+    /// the time of an erase, are not in it.
+    pub uptime_ms: u32,
+    /// What was true then, by the fault: the extension's table of faults names the values.
+    pub values: [i16; 3],
+}
 
 /// What a fault keeps off while it is latched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

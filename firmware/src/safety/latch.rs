@@ -29,10 +29,8 @@
 //! Whether the host is there is [`link`](super::link)'s: its silence stops without a latch, and the
 //! next motion command goes. A task that hangs is `app`'s: outputs off, and back to boot.
 
-use protocol::pms5005::extension::{Fault, FaultRecord};
-use protocol::pms5005::{CHANNELS, Channel, Scope};
-
-use super::faults::{Stops, stops};
+use super::faults::{Fault, FaultRecord, Stops, stops};
+use crate::channel::{CHANNELS, Channel, Scope};
 
 /// The number of the board's first fault; those below are the channels'.
 const FIRST_OF_BOARD: u8 = Fault::MotorBatteryLow.number();

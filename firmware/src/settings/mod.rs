@@ -9,43 +9,14 @@ mod numbered;
 pub mod store;
 pub mod table;
 
-use protocol::arcos::JointInfo;
-use protocol::pms5005::{CHANNELS, Method, Polarity, Sensor};
-
-use crate::command::ENCODERS;
-use crate::control::pid::HostGains;
-use crate::control::potentiometer;
+use crate::channel::{CHANNELS, ENCODERS, Method, PAIRS, Polarity, Sensor};
 use crate::units::{Duty, ServoPulse};
 
-pub use numbered::SettingRefused;
+pub use numbered::{Setting, SettingRefused};
 pub use table::{
     ArmSettings, BoardFaultSettings, ChannelFaultSettings, CollisionSettings, ControlSettings,
-    LinkSettings,
+    LinkSettings, Unit,
 };
-
-/// How the two bytes of Ki are read; hosts disagree.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum KiReading {
-    /// M + N/100: the manual's "integer part, fraction part" in decimal.
-    Hundredths,
-    /// M + N/256: the manual's table taken as fixed point.
-    Fraction256,
-    /// A 16-bit number, low byte first, divided by 100: what public hosts send.
-    WordHundredths,
-}
-
-impl KiReading {
-    /// Ki in hundredths from its two bytes.
-    pub(crate) fn hundredths(self, [integer, fraction]: [u8; 2]) -> u16 {
-        let whole = u16::from(integer) * 100;
-        match self {
-            Self::Hundredths => whole + u16::from(fraction),
-            Self::Fraction256 => whole + ((u16::from(fraction) * 100) >> 8),
-            Self::WordHundredths => u16::from_le_bytes([integer, fraction]),
-        }
-    }
-}
 
 /// The least and the greatest position that a channel may be driven to, in counts of its sensor.
 /// Two equal ones set none, the default.
@@ -66,6 +37,23 @@ impl SoftLimits {
     pub fn are_set(&self) -> bool {
         self.low < self.high
     }
+}
+
+/// Gains as the original numbers them, for one loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct HostGains {
+    /// Kp, 0 to 65535.
+    pub kp: u16,
+    /// Kd, 0 to 65535.
+    pub kd: u16,
+    /// Ki in hundredths, 0 to 65535.
+    pub ki_hundredths: u16,
+}
+
+impl HostGains {
+    /// The original's defaults.
+    pub const DEFAULT: Self = Self { kp: 50, kd: 5, ki_hundredths: 0 };
 }
 
 /// A DC channel: how it is wired and controlled, and what its drive and set-point are held to. None of
@@ -113,7 +101,7 @@ impl ChannelSettings {
 pub(crate) fn has_sensor(channel: usize, sensor: Sensor) -> bool {
     let channels = match sensor {
         Sensor::SinglePotentiometer => CHANNELS,
-        Sensor::DualPotentiometer => potentiometer::PAIRS.len(),
+        Sensor::DualPotentiometer => PAIRS,
         Sensor::Encoder => ENCODERS,
     };
     channel < channels
@@ -139,12 +127,36 @@ impl ControlSettings {
     }
 }
 
-/// The pulse of a joint at a position, in 1/2250 ms: 1.5 ms at its centre, and 1 ms more or less 90
-/// degrees from there.
-pub(crate) fn joint_pulse(joint: &JointInfo, ticks: u8) -> i32 {
-    const MS: i32 = ServoPulse::PER_MS as i32;
-    let way = i32::from(ticks) - i32::from(joint.centre);
-    MS * 3 / 2 + way * MS / i32::from(joint.ticks_per_90.max(1))
+/// An arm's joint on its servo. Positions are in ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct JointSettings {
+    /// The speed at boot, in ms a tick.
+    pub ms_per_tick: u8,
+    /// The home position.
+    pub home: u8,
+    /// The lowest position.
+    pub min: u8,
+    /// The position of 0 degrees.
+    pub centre: u8,
+    /// The highest position.
+    pub max: u8,
+    /// Ticks of 90 degrees.
+    pub ticks_per_90: u8,
+}
+
+impl JointSettings {
+    /// A whole byte of ticks is 0.59 to 2.41 ms of pulse.
+    pub const DEFAULT: Self =
+        Self { ms_per_tick: 20, home: 127, min: 0, centre: 127, max: 255, ticks_per_90: 140 };
+
+    /// The pulse at a position, in 1/2250 ms: 1.5 ms at the centre, and 1 ms more or less 90 degrees
+    /// from there.
+    pub(crate) fn pulse(&self, ticks: u8) -> i32 {
+        const MS: i32 = ServoPulse::PER_MS as i32;
+        let way = i32::from(ticks) - i32::from(self.centre);
+        MS * 3 / 2 + way * MS / i32::from(self.ticks_per_90.max(1))
+    }
 }
 
 /// What happens when the PC of a CM-5 falls silent.

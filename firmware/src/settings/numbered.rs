@@ -1,9 +1,7 @@
 //! Setting, checking and telling settings by their numbers.
 
-use protocol::pms5005::extension::Description;
-
 use super::table::{Row, TABLE, row};
-use super::{Settings, has_sensor, joint_pulse};
+use super::{Settings, Unit, has_sensor};
 use crate::units::ServoPulse;
 
 /// Why a setting does not take a value.
@@ -15,6 +13,37 @@ pub enum SettingRefused {
     OutOfRange(u16),
     /// This setting contradicts another.
     Contradiction(u16),
+}
+
+/// A setting, with all that is known of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Setting {
+    /// Its number.
+    pub number: u16,
+    /// The next setting's, `None` behind the last.
+    pub next: Option<u16>,
+    /// Its value.
+    pub value: i32,
+    /// Its lowest and its highest value.
+    pub range: (i32, i32),
+    /// Its value until somebody says otherwise.
+    pub default: i32,
+    /// What the values count.
+    pub unit: Unit,
+    /// Its name, ASCII.
+    pub name: &'static str,
+    /// Of several of this name (channels, joints), which: 1 to 6.
+    pub member: Option<u8>,
+}
+
+impl core::fmt::Display for Setting {
+    /// Its name, and which it is.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.member {
+            Some(member) => write!(f, "{} {member}", self.name),
+            None => f.write_str(self.name),
+        }
+    }
 }
 
 // The rows that may contradict others.
@@ -79,7 +108,7 @@ impl Settings {
         }
         for (n, joint) in self.arm.joints.iter().enumerate() {
             let is_given = |ticks| {
-                let pulse = joint_pulse(joint, ticks);
+                let pulse = joint.pulse(ticks);
                 i32::from(ServoPulse::from_raw(pulse).raw()) == pulse
             };
             if joint.max < joint.min {
@@ -104,10 +133,10 @@ impl Settings {
 
     /// Everything about the setting of this number, about the first for number 0; `None` if there
     /// is none.
-    pub fn describe(&self, number: u16) -> Option<Description<'static>> {
+    pub fn describe(&self, number: u16) -> Option<Setting> {
         let number = if number == 0 { next(0)? } else { number };
         let (row, n) = find(number)?;
-        Some(Description {
+        Some(Setting {
             number,
             next: next(number),
             value: row.get(self, n),
@@ -131,7 +160,6 @@ mod tests {
         let mut checked = 0;
         assert_eq!(TABLE.len(), DOCUMENTED.len());
         for (row, documented) in TABLE.iter().zip(DOCUMENTED) {
-            assert!(row.name.is_ascii() && row.name.len() <= Description::LONGEST_NAME);
             for n in 0..row.count() {
                 let default = row.get(&Settings::DEFAULT, n);
                 assert_eq!(default, *documented, "{}", row.name);
@@ -145,8 +173,7 @@ mod tests {
     #[test]
     fn every_setting_takes_its_whole_range_and_nothing_beyond_and_no_other_with_it() {
         for (set, _) in Settings::DEFAULT.iter() {
-            let Description { range: (low, high), name, .. } =
-                Settings::DEFAULT.describe(set).unwrap();
+            let Setting { range: (low, high), name, .. } = Settings::DEFAULT.describe(set).unwrap();
             for value in [low, low + 1, high / 2, high - 1, high] {
                 let mut settings = Settings::DEFAULT;
                 settings.set(set, value.max(low)).unwrap();

@@ -22,7 +22,6 @@ use core::ops::Range;
 use embassy_futures::block_on;
 use embedded_storage::nor_flash::{ErrorType, NorFlash};
 use embedded_storage_async::nor_flash as asynchronous;
-use protocol::pms5005::extension::Origin;
 use sequential_storage::cache::key_pointers::ArrayKeyPointers;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
@@ -48,6 +47,17 @@ const MARK: usize = 4;
 const BEFORE: usize = MARK + 8 + 1;
 /// Where the first record ends, in whole words.
 const FIRST_END: usize = (BEFORE + HEADER.len() + ENTRY * COUNT).next_multiple_of(4);
+
+/// Where the settings in force come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// Nothing was ever saved: the defaults.
+    Defaults,
+    /// What was saved.
+    Stored,
+    /// What was stored is damaged or foreign: the defaults, and fault 25.
+    Corrupt,
+}
 
 /// Why settings were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,11 +6,9 @@
 //! fault 3 before it knew which way a shaft goes) have had theirs. A value is a whole number; 0 and 1
 //! stand for no and yes. A row may hold a *bank*: the same setting of several channels or joints.
 
-use protocol::arcos::{Dialect, JOINTS, JointInfo, MotionBits};
-use protocol::pms5005::extension::Unit;
-use protocol::pms5005::{CHANNELS, Method, Polarity, Sensor};
+use crate::channel::{CHANNELS, Method, Polarity, Sensor};
 
-use super::{ChannelSettings, KiReading, Settings, SoftLimits};
+use super::{ChannelSettings, JointSettings, Settings, SoftLimits};
 
 /// One setting, or a bank of them.
 pub(super) struct Row {
@@ -26,6 +24,34 @@ pub(super) struct Row {
     pub range: (i32, i32),
     /// Where the nth is; `None` beyond the end of a bank.
     field: fn(&mut Settings, usize) -> Option<&mut dyn Value>,
+}
+
+/// What a setting's value counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Unit {
+    /// A choice among numbered things.
+    Choice,
+    /// 0 is no, 1 is yes.
+    Flag,
+    /// Bit 0 is the first of several.
+    Bits,
+    /// Milliseconds.
+    Milliseconds,
+    /// Centimetres.
+    Centimetres,
+    /// A/D counts, as in the telemetry.
+    AdCounts,
+    /// Counts of a position sensor.
+    Counts,
+    /// Counts of a position sensor per second.
+    CountsPerSecond,
+    /// Drive in 1/16384 of full drive.
+    Duty,
+    /// Seconds.
+    Seconds,
+    /// Ticks of an arm's joint.
+    Ticks,
 }
 
 /// A setting as the code uses it.
@@ -61,37 +87,23 @@ impl Value for bool {
     }
 }
 
-impl Value for KiReading {
-    fn get(&self) -> i32 {
-        *self as i32
-    }
-
-    fn set(&mut self, value: i32) {
-        *self = match value {
-            1 => Self::Fraction256,
-            2 => Self::WordHundredths,
-            _ => Self::Hundredths,
-        }
-    }
-}
-
 impl Value for Option<Sensor> {
     fn get(&self) -> i32 {
-        self.map_or(0, |sensor| i32::from(sensor.number()) + 1)
+        self.map_or(0, |sensor| sensor as i32 + 1)
     }
 
     fn set(&mut self, value: i32) {
-        *self = value.checked_sub(1).and_then(|number| Sensor::from_number(number as u8));
+        *self = Sensor::ALL.into_iter().find(|&sensor| Some(sensor).get() == value);
     }
 }
 
 impl Value for Option<Method> {
     fn get(&self) -> i32 {
-        self.map_or(0, |method| i32::from(method.number()) + 1)
+        self.map_or(0, |method| method as i32 + 1)
     }
 
     fn set(&mut self, value: i32) {
-        *self = value.checked_sub(1).and_then(|number| Method::from_number(number as u8));
+        *self = Method::ALL.into_iter().find(|&method| Some(method).get() == value);
     }
 }
 
@@ -102,24 +114,6 @@ impl Value for Polarity {
 
     fn set(&mut self, value: i32) {
         *self = if value == 0 { Self::Positive } else { Self::Negative };
-    }
-}
-
-impl Value for Dialect {
-    fn get(&self) -> i32 {
-        match self {
-            Self::Manual(MotionBits::OneToSix) => 0,
-            Self::Manual(MotionBits::ZeroToFive) => 1,
-            Self::Aria => 2,
-        }
-    }
-
-    fn set(&mut self, value: i32) {
-        *self = match value {
-            1 => Self::Manual(MotionBits::ZeroToFive),
-            2 => Self::Aria,
-            _ => Self::Manual(MotionBits::OneToSix),
-        }
     }
 }
 
@@ -283,17 +277,11 @@ const fn is_same(mut one: &[u8], mut other: &[u8]) -> bool {
     one.is_empty() && other.is_empty()
 }
 
-/// A joint's defaults.
-const JOINT: JointInfo =
-    JointInfo { ms_per_tick: 20, home: 127, min: 0, centre: 127, max: 255, ticks_per_90: 140 };
-
 settings! {
     /// The controller's settings.
     ControlSettings at control {
         link_timeout: u16 = 2000, 1, "link timeout", Milliseconds, 0..=60000,
             "silence of the host after which moving channels are stopped; 0 never stops them";
-        ki_reading: KiReading = 2 (KiReading::WordHundredths), 2, "Ki reading", Choice, 0..=2,
-            "how the two bytes of Ki are read: 0 M + N/100, 1 M + N/256, 2 a word of hundredths";
         full_speed_encoder: u32 = 16384, 3, "full speed encoder", CountsPerSecond, 0..=8000000,
             "an encoder's speed at full drive, for feed-forward; 0 is none";
         full_speed_potentiometer: u32 = 4096, 4,
@@ -395,6 +383,8 @@ settings! {
 
     /// The PMS5005 session's settings.
     LinkSettings at link {
+        ki_reading: u8 = 2, 2, "Ki reading", Choice, 0..=2,
+            "how the two bytes of Ki are read: 0 M + N/100, 1 M + N/256, 2 a word of hundredths";
         telemetry_period_ms: u16 = 50, 32, "telemetry period", Milliseconds, 1..=60000,
             "period of every telemetry stream";
     }
@@ -499,8 +489,7 @@ settings! {
     ///
     /// All of them are in force from the start on; what a host sets waits for the next.
     ArmSettings at arm {
-        dialect: Dialect = 0 (Dialect::Manual(MotionBits::OneToSix)), 112,
-            "arm dialect", Choice, 0..=2,
+        dialect: u8 = 0, 112, "arm dialect", Choice, 0..=2,
             "ARMpac's status bytes: 0 manual, 1 manual with joint 1 in bit 0, 2 ARIA's";
         /// Nothing tells where a servo is, so this is what the arm waits by before it takes power
         /// away, should its joints have been faster (at the lowest SPEEDs). By default twice the
@@ -516,7 +505,7 @@ settings! {
     with {
         /// The joints: ranges in ticks, the speed at boot in ms a tick. A pulse is
         /// 1.5 ms + (ticks - centre) / ticks_per_90 ms.
-        joints: [JointInfo; JOINTS] = [JOINT; JOINTS];
+        joints: [JointSettings; CHANNELS] = [JointSettings::DEFAULT; CHANNELS];
     }
     and {
         120 + 8 * [1..=6], "joint speed", Milliseconds, 1..=127, 20,

@@ -1,6 +1,6 @@
 //! What this implementation adds to ARCOS: settings, health, faults and upkeep of the board.
 //!
-//! It is the PMS5005's [extension](crate::pms5005::extension) in ARCOS packets, off ARCOS's map: a
+//! It is the [extension](crate::extension) in ARCOS packets, off ARCOS's map: a
 //! host that never sends one sees an original. Requests and answers, their bytes, verdicts and
 //! units are those of Tables E.1 and E.2 there, and so is when one is busy or finds no room; only
 //! what is around them differs. A request counts in an open session only, and is a sign of life,
@@ -31,20 +31,19 @@
 
 use super::packet::{Argument, OVERHEAD, Packet, encode_command};
 use crate::data::{Data, EncodeError};
-use crate::pms5005;
-use crate::pms5005::extension::{Answer, Outcome, Request, Verdict, did};
+use crate::extension::{Answer, Outcome, Request, Verdict, did};
 
 /// The command whose argument is DATA of DID 7.
-const PARAMETERS: u8 = did::OUTCOME;
+const CHANGE: u8 = did::OUTCOME;
 
 /// Bytes of the longest answer: the counters.
-pub const MAX_ANSWER: usize = OVERHEAD + Answer::MAX_FRAME - pms5005::OVERHEAD;
+pub const MAX_ANSWER: usize = OVERHEAD + Answer::MAX_DATA;
 
 /// What a command asks of the extension, or what it is told because it asks nothing; `None` if it
 /// is not the extension's.
 pub fn parse_request<'a>(packet: &Packet<'a>) -> Option<Result<Request<'a>, Outcome>> {
     let did = match packet.id {
-        PARAMETERS => pms5005::did::PARAMETERS,
+        CHANGE => did::PARAMETERS,
         did::SETTING..=did::FAULT => packet.id,
         _ => return None,
     };
@@ -55,7 +54,7 @@ pub fn parse_request<'a>(packet: &Packet<'a>) -> Option<Result<Request<'a>, Outc
     };
     Some(match Request::parse(did, data) {
         Some(Ok(request)) => Ok(request),
-        Some(Err(refusal)) => Err(Outcome::of(did, data, refusal.into())),
+        Some(Err(verdict)) => Err(Outcome::of(did, data, verdict)),
         // The manual's sub-commands of DID 7 are not an arm's.
         None => Err(Outcome::of(did, data, Verdict::Unknown)),
     })
@@ -72,7 +71,7 @@ pub fn encode_request<'b>(
     let mut data = Data::new();
     request.emit(&mut data).map_err(|_| EncodeError::TooLong)?;
     let number = match request.did() {
-        pms5005::did::PARAMETERS => PARAMETERS,
+        did::PARAMETERS => CHANGE,
         did => did,
     };
     encode_command(number, Some(Argument::Text(&data)), out)
@@ -83,7 +82,7 @@ pub fn encode_request<'b>(
 ///
 /// # Errors
 /// [`EncodeError::BufferTooShort`], and [`EncodeError::NotRepresentable`] where
-/// [`Answer::encode`] says so.
+/// [`Answer::emit`] says so.
 pub fn encode_answer<'b>(
     answer: &Answer<'_>,
     out: &'b mut [u8],

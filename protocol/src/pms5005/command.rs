@@ -5,11 +5,12 @@
 //! sensor a channel uses, say); such questions are the controller's.
 
 use super::did;
-use super::extension::Request;
 use super::frame::{Frame, RID_PMS5005};
 use super::motion::Move;
 use super::parameter::Parameters;
 use crate::data::{Data, EncodeError, append};
+use crate::extension::{Request, Verdict};
+use crate::repeat::Repeat;
 
 /// DC motor channels, and servo channels: there are six of each.
 pub const CHANNELS: usize = 6;
@@ -90,6 +91,9 @@ pub enum Refusal {
     /// A sub-command of DID 7 that Table II.1 does not list, or a gain other than 1 to 3.
     #[error("sub-command {0:#04x} is not in Table II.1")]
     UnknownSubCommand(u8),
+    /// A request of the [`extension`](crate::extension); the outcome tells the host why.
+    #[error("a request of the extension: {0}")]
+    Extension(Verdict),
 }
 
 /// A sixteenth of the LCD's image (DID 23).
@@ -143,36 +147,6 @@ impl Reports {
     const ALL: [Self; 4] = [Self::Motors, Self::CustomIo, Self::Sensors, Self::All];
 }
 
-/// How often telemetry is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Repeat {
-    /// No more.
-    Stop,
-    /// So many times, 1 to 255.
-    Times(core::num::NonZeroU8),
-    /// Until further notice.
-    Continuous,
-}
-
-impl Repeat {
-    /// DATA of a request for telemetry: nothing, or how often.
-    pub(super) fn parse(count: Option<&u8>) -> Self {
-        match count {
-            None => Self::Continuous,
-            Some(&count) => core::num::NonZeroU8::new(count).map_or(Self::Stop, Self::Times),
-        }
-    }
-
-    pub(super) fn emit(self, data: &mut Data) -> Result<(), EncodeError> {
-        match self {
-            Self::Stop => append(data, &[0]),
-            Self::Times(count) => append(data, &[count.get()]),
-            Self::Continuous => Ok(()),
-        }
-    }
-}
-
 /// A host's command (Table II.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -204,7 +178,7 @@ pub enum Command<'a> {
     PingOrAck,
     /// The ping that Table II.1 gives the board; some hosts send it too (DID 255, data 0).
     Ping,
-    /// What the manual does not know (DID 7 from sub-command 80, DIDs 96 to 111).
+    /// What the manual does not know (DID 7 from sub-command 0x80, DIDs 96 to 111).
     Extension(Request<'a>),
 }
 
@@ -219,7 +193,7 @@ impl<'a> Command<'a> {
             return command.map(Self::Move);
         }
         if let Some(request) = Request::parse(did, data) {
-            return request.map(Self::Extension);
+            return request.map(Self::Extension).map_err(Refusal::Extension);
         }
         if let Some(reports) = Reports::ALL.into_iter().find(|reports| *reports as u8 == did) {
             return match data {

@@ -4,7 +4,8 @@
 //! - [`Command`] is what a host asks for (Table II.1);
 //! - [`Report`] is what the board tells (Tables II.2 to II.4);
 //! - [`ACK`] and [`PING`] are the two short frames that the board sends besides;
-//! - [`extension`] is what this implementation adds, off the manual's map.
+//! - [`encode_answer`] puts an answer of the [`extension`](crate::extension) into a frame; its requests
+//!   are [`Command::Extension`].
 //!
 //! # Where the manual is silent, and what we do
 //! The manual leaves questions open and contradicts itself in places; host programs in the field
@@ -15,7 +16,7 @@
 //! | byte stuffing | There is none. LEN rules reception; `5E 02` and `5E 0D` may stand in DATA. After a damaged frame the next good one is found, even inside the damaged one's bytes. |
 //! | what is acknowledged | Every intact frame with RID 1 whose RES is not 255. The acknowledgement looks like a host's ping (255, data 1), and some hosts answer it with another: those are answered at most once in 200 ms. 255 with data 0 is answered at once. |
 //! | other RIDs | Ignored silently: the line may be shared. |
-//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). 96 to 111 are the [`extension`]'s. |
+//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). 96 to 111 are the [`extension`](crate::extension)'s. |
 //! | bad values, lengths that fit no form | Acknowledged, as the frame arrived intact; nothing of it is carried out, not even the good part of a list. |
 //! | a channel twice in one list | A bad value: nobody can tell which one was meant. |
 //! | Flag before the time of a list | 28 as documented, 6 as some hosts have it, or none at all. |
@@ -30,14 +31,16 @@
 //! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
 
 mod command;
-pub mod extension;
 mod frame;
 mod motion;
 mod parameter;
 mod report;
 
+use crate::extension::Answer;
+
 pub use crate::data::{Data, EncodeError};
-pub use command::{CHANNELS, Channel, Command, LcdFrame, Refusal, Repeat, Reports, Scope};
+pub use crate::repeat::Repeat;
+pub use command::{CHANNELS, Channel, Command, LcdFrame, Refusal, Reports, Scope};
 pub use frame::{
     ETX, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, RES_NO_ACK, RID_HOST, RID_PMS5005,
     Receiver, STX,
@@ -90,3 +93,21 @@ pub const ACK: [u8; 10] = [STX[0], STX[1], RID_HOST, 0, did::SETUP, 1, 1, 72, ET
 
 /// "PMS5005 ping PC periodically" (Table II.1): RID 0, RES 0, DID 255, data 0.
 pub const PING: Frame<'static> = Frame { rid: RID_HOST, res: 0, did: did::SETUP, data: &[0] };
+
+/// Bytes of the longest frame with an answer of the [`extension`](crate::extension).
+pub const MAX_ANSWER: usize = OVERHEAD + Answer::MAX_DATA;
+
+/// Writes the whole frame of an answer of the [`extension`](crate::extension) (RID 0, RES 255) into
+/// `out` and returns the part it took. [`Answer::parse`] reads it, from DID and DATA.
+///
+/// # Errors
+/// [`EncodeError::BufferTooShort`]; [`EncodeError::NotRepresentable`] where
+/// [`Answer::emit`] says so.
+pub fn encode_answer<'b>(
+    answer: &Answer<'_>,
+    out: &'b mut [u8],
+) -> Result<&'b mut [u8], EncodeError> {
+    let mut data = Data::new();
+    answer.emit(&mut data)?;
+    Frame { rid: RID_HOST, res: RES_NO_ACK, did: answer.did(), data: &data }.encode(out)
+}

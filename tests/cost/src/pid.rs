@@ -7,7 +7,8 @@ use core::hint::black_box;
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
-use firmware::control::pid::{Error, Gains, HostGains, Limits, Pid};
+use firmware::control::pid::{Error, Gains, Limits, Pid};
+use firmware::settings::HostGains;
 use firmware::units::{Counts, Drive};
 use idsp::iir::{Biquad, BiquadClamp, DirectForm1};
 use protocol::pms5005::Loop;

@@ -11,13 +11,14 @@ mod channel;
 mod settings;
 
 use embassy_time::{Duration, Instant};
+use firmware::ports::ResetCause;
 use firmware::safety::channel::Limiting;
 use firmware::settings::{Settings, SoftLimits};
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::clock;
 use hal_mock::flash::Flash;
 use hal_mock::plant::{MotorScene, Overrides, Scene, ShaftSensor};
-use protocol::pms5005::extension::{Answer, Fault, FaultRecord, ResetCause};
+use protocol::extension::{Answer, Fault, FaultRecord};
 use protocol::pms5005::{
     Channel, Command, Gain, Loop, Method, Parameter, Polarity, Quantity, Scope, Sensor, did,
 };
@@ -28,8 +29,8 @@ const WHEEL: Channel = Channel::ALL[0];
 const JOINT: usize = 2;
 
 /// The latched faults, with their channels.
-fn latched(bench: &Bench) -> Vec<(Fault, Option<Channel>)> {
-    bench.board.snapshot().faults.iter().collect()
+fn latched(bench: &Bench) -> Vec<(Fault, Option<u8>)> {
+    tests::latched(&bench.board.snapshot())
 }
 
 /// What a host reads of the first latched fault (DID 100).

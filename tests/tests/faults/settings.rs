@@ -247,7 +247,7 @@ fn a_sensor_that_only_trembles_is_silent_by_as_much_as_the_setting_says() {
             change(&bench, |all| all.encoders[0] = Some(at + 16 * (k % 2)));
             bench.run_alive_ms(10);
         }
-        let lost = bench.board.snapshot().faults.has(Fault::SensorLost, Some(WHEEL));
+        let lost = latched(&bench).contains(&(Fault::SensorLost, Some(0)));
         assert_eq!(lost, is_lost, "still within {still} counts");
     }
 }

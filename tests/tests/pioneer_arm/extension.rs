@@ -2,6 +2,7 @@
 //! `protocol::arcos::extension`, and what comes of each request.
 
 use super::*;
+use firmware::channel::Scope;
 use firmware::command::Command;
 use firmware::controller::Snapshot;
 use firmware::personality::{Boot, Request as Asked, Session};
@@ -9,11 +10,11 @@ use firmware::settings::Settings;
 use firmware::units::ServoPulse;
 use hal_mock::flash::Flash;
 use protocol::arcos::{ArmInfo, extension};
-use protocol::pms5005::extension::{
+use protocol::extension::{
     Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Request, ResetCause,
     Verdict,
 };
-use protocol::pms5005::{Repeat, Scope};
+use protocol::pms5005::Repeat;
 use tests::extension::assign;
 
 /// The numbers of joint 1's home, lowest and highest position.

@@ -1,8 +1,7 @@
 //! A fault of the board that stops the servos: what the host sees of it, and how it goes on.
 
 use super::*;
-use protocol::arcos::{Dialect, MotionBits};
-use protocol::pms5005::extension::Fault;
+use protocol::extension::Fault;
 
 /// The servos' battery, in A/D counts: 3.7 V, or as the scene has it.
 fn battery(host: &Host, low: bool) {
@@ -16,7 +15,7 @@ fn until_off(host: &mut Host, most: u64) -> u64 {
 }
 
 fn latched(host: &Host) -> Vec<Fault> {
-    host.board.snapshot().faults.iter().map(|(fault, _)| fault).collect()
+    tests::latched(&host.board.snapshot()).into_iter().map(|(fault, _)| fault).collect()
 }
 
 /// INIT, and what it takes.
@@ -25,7 +24,7 @@ fn init(host: &mut Host) {
     host.run_alive_ms(750);
 }
 
-fn in_dialect(dialect: Dialect) -> Host {
+fn in_dialect(dialect: u8) -> Host {
     let mut make = Make::default();
     make.settings.arm.dialect = dialect;
     let mut host = Host::with(make);
@@ -36,10 +35,10 @@ fn in_dialect(dialect: Dialect) -> Host {
 
 #[test]
 fn a_low_servo_battery_takes_the_power_within_a_second_and_the_status_says_so() {
-    let manual = Dialect::Manual(MotionBits::OneToSix);
+    let (manual, aria) = (0, 2); // setting 112
     // Power and connected, motion of joint 1; or motion, then good, initialised, power.
     for (dialect, before, after) in
-        [(manual, [0b11, 0b10], [0b10, 0]), (Dialect::Aria, [0b10, 0b0111], [0, 0])]
+        [(manual, [0b11, 0b10], [0b10, 0]), (aria, [0b10, 0b0111], [0, 0])]
     {
         let mut host = in_dialect(dialect);
         host.speed(1, 50);
@@ -61,7 +60,7 @@ fn a_low_servo_battery_takes_the_power_within_a_second_and_the_status_says_so() 
 
 #[test]
 fn a_battery_that_is_low_for_a_moment_stops_nothing() {
-    let mut host = in_dialect(Dialect::Aria);
+    let mut host = in_dialect(2);
     host.go(1, 187);
     for _ in 0..3 {
         battery(&host, true);

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use firmware::settings::Settings;
 use firmware::settings::store::Store;
 use hal_mock::flash::{Flash, SIZE};
-use protocol::pms5005::extension::{
+use protocol::extension::{
     Action, Answer, Assignments, Fault, Health, Identity, Latched, Origin, Request, ResetCause,
     Verdict,
 };

@@ -18,15 +18,16 @@
 
 mod period;
 
+use crate::channel::{Loop, Method, Polarity, Sensor};
 use fixed::{FixedI32, types::extra::U24};
-use protocol::pms5005::{Loop, Method, Polarity, Sensor};
 
 use crate::control::lead::Lead;
-use crate::control::pid::{Gains, HostGains, Limits, Pid};
+use crate::control::pid::{Gains, Limits, Pid};
 use crate::control::saturate;
 use crate::control::track::{Track, last_count};
 use crate::control::trajectory::{Course, Profile, Ramp};
 use crate::ports::MotorOutput;
+use crate::settings::HostGains;
 use crate::settings::{ChannelSettings, ControlSettings, SoftLimits};
 use crate::units::{Counts, CountsPerSecond, Drive, Duty, PERIODS_PER_SECOND};
 

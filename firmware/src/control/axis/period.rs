@@ -6,12 +6,12 @@
 //!   set-point: goes on, waits, or is put back > loop > crossing over > limits > held at a soft limit
 //! ```
 
+use crate::channel::Method;
 use crate::control::lead::{Following, Step};
 use crate::control::pid::{Error, Limits};
 use crate::control::{saturate, track};
 use crate::ports::MotorOutput;
 use crate::units::{Counts, CountsPerSecond, Drive, Duty};
-use protocol::pms5005::Method;
 
 use super::{Axis, HANDOVER_SHIFT, Reading, State, to_duty};
 

@@ -18,9 +18,9 @@
 use embassy_time::{Duration, Instant};
 use protocol::arcos::Joint as Number;
 use protocol::arcos::{ArmCommand, ArmInfo, ArmStatus, JOINTS, JointInfo, Joints};
-use protocol::pms5005::Scope;
 
 use super::joint::{Joint, Limited};
+use crate::channel::Scope;
 use crate::command::Command;
 use crate::settings::ArmSettings;
 

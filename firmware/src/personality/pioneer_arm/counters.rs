@@ -1,7 +1,7 @@
 //! What an arm's session counts.
 
 use protocol::arcos::ArmStatus;
-use protocol::pms5005::extension::Counters;
+use protocol::extension::Counters;
 
 /// What a session has counted, and the arm as it last was. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -11,7 +11,7 @@
 use embassy_time::{Duration, Instant};
 use protocol::arcos::JointInfo;
 
-use crate::settings::joint_pulse;
+use crate::settings::JointSettings;
 use crate::units::{CONTROL_PERIOD_MS, ServoPulse};
 
 /// The distance of the points at which steps are taken.
@@ -26,7 +26,7 @@ const SPEEDS: (u8, u8) = (1, 127);
 /// A joint. See the [module](self).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Joint {
-    calibration: JointInfo,
+    calibration: JointSettings,
     /// SPEED.
     ms_per_tick: u8,
     /// In ticks.
@@ -44,7 +44,7 @@ pub(super) struct Joint {
 
 impl Joint {
     /// A joint at home, on a servo that takes so long for 60 degrees.
-    pub fn new(calibration: JointInfo, servo_ms_per_60_deg: u16) -> Self {
+    pub fn new(calibration: JointSettings, servo_ms_per_60_deg: u16) -> Self {
         let us_per_90_deg = u64::from(servo_ms_per_60_deg) * 1500;
         let mut joint = Self {
             calibration,
@@ -66,7 +66,8 @@ impl Joint {
 
     /// What it is like, with its speed as it is.
     pub fn info(&self) -> JointInfo {
-        JointInfo { ms_per_tick: self.ms_per_tick, ..self.calibration }
+        let JointSettings { home, min, centre, max, ticks_per_90, .. } = self.calibration;
+        JointInfo { ms_per_tick: self.ms_per_tick, home, min, centre, max, ticks_per_90 }
     }
 
     /// Whether it is on its way.
@@ -138,7 +139,7 @@ impl Joint {
 
     /// The pulse that holds it where it is, in 1/2250 ms.
     pub fn pulse(&self) -> i16 {
-        let pulse = joint_pulse(&self.calibration, self.position);
+        let pulse = self.calibration.pulse(self.position);
         ServoPulse::from_raw(pulse).raw() as i16 // 7000 at the most
     }
 
@@ -292,7 +293,7 @@ mod tests {
     #[test]
     fn ticks_become_pulses_by_the_calibration_and_a_bad_one_stays_within_what_the_board_gives() {
         let mut joint = joint();
-        let calibration = JointInfo { ticks_per_90: 100, centre: 120, ..joint.calibration };
+        let calibration = JointSettings { ticks_per_90: 100, centre: 120, ..joint.calibration };
         joint.calibration = calibration;
         for (ticks, pulse) in [(120, 3375), (220, 5625), (20, 1125), (121, 3397), (119, 3353)] {
             joint.position = ticks;

@@ -38,11 +38,11 @@ mod joint;
 
 use embassy_time::{Duration, Instant};
 use protocol::arcos::{
-    Arcos, Argument, ArmCommand, Dialect, MAX_RECEIVED, Names, Packet, Refusal, SYNC, Standard,
-    StatusRequest, command, extension,
+    Arcos, Argument, ArmCommand, Dialect, MAX_RECEIVED, MotionBits, Names, Packet, Refusal, SYNC,
+    Standard, StatusRequest, command, extension,
 };
+use protocol::extension::{Outcome, Request as Asked};
 use protocol::pms5005::Repeat;
-use protocol::pms5005::extension::{Outcome, Request as Asked};
 
 use super::extension::{Boot, Extension, Owed, Stream};
 use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused, count};
@@ -123,7 +123,7 @@ impl PioneerArm {
         Self {
             receiver: TimedReceiver::new(),
             answers: Answers {
-                dialect: settings.arm.dialect,
+                dialect: dialect(settings.arm.dialect),
                 arm: Arm::new(settings.arm, now),
                 extension: Extension::new(settings, boot, now),
                 health: Stream { repeat: Repeat::Stop, due: now },
@@ -145,6 +145,15 @@ impl PioneerArm {
     pub fn with_dialect(mut self, dialect: Dialect) -> Self {
         self.answers.dialect = dialect;
         self
+    }
+}
+
+/// The dialect that setting 112 stands for.
+fn dialect(setting: u8) -> Dialect {
+    match setting {
+        1 => Dialect::Manual(MotionBits::ZeroToFive),
+        2 => Dialect::Aria,
+        _ => Dialect::Manual(MotionBits::OneToSix),
     }
 }
 

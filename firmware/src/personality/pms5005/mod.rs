@@ -19,11 +19,11 @@ mod translate;
 
 use embassy_time::{Duration, Instant};
 /// What a session has counted; what the controller counts stays 0 here.
-pub use protocol::pms5005::extension::Counters as LinkCounters;
-use protocol::pms5005::extension::{Answer, Outcome, Request as ExtensionRequest, is_read, owns};
+pub use protocol::extension::Counters as LinkCounters;
+use protocol::extension::{Outcome, Request as ExtensionRequest, Verdict, is_read};
 use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_HOST, RID_PMS5005, Refusal, Repeat, Report,
-    Reports,
+    Reports, encode_answer,
 };
 
 use super::extension::{Boot, Extension, Owed, Stream};
@@ -32,7 +32,7 @@ use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
-use translate::{motion, report, with_parameters};
+use translate::{motion, report, scope, with_parameters};
 
 /// 255/1 is answered at most this often.
 pub const PING_ANSWER_PERIOD: Duration = Duration::from_millis(200);
@@ -89,7 +89,7 @@ const TOPICS: [Topic; 4] = [
     Topic::Health,
 ];
 
-const _: () = assert!(Report::MAX_FRAME <= MAX_FRAME && Answer::MAX_FRAME <= MAX_FRAME);
+const _: () = assert!(Report::MAX_FRAME <= MAX_FRAME && wire::MAX_ANSWER <= MAX_FRAME);
 
 impl Pms5005 {
     /// A session at boot: "it will keep sending all sensor data to the host" (section III). It
@@ -163,10 +163,12 @@ impl Session for Pms5005 {
             Due::Stream(Topic::Telemetry(reports), due) => {
                 report(reports, self.answers.moment(due, now, snapshot)).encode(out)
             }
-            Due::Stream(Topic::Health, _) => extension.health(now, &snapshot()).encode(out),
+            Due::Stream(Topic::Health, _) => {
+                encode_answer(&extension.health(now, &snapshot()), out)
+            }
             Due::Answer(owed) => {
                 let snapshot = snapshot();
-                extension.answer(owed, &snapshot, || self.counters())?.encode(out)
+                encode_answer(&extension.answer(owed, &snapshot, || self.counters())?, out)
             }
         };
         frame.ok().map(|frame| &*frame)
@@ -288,15 +290,13 @@ impl Answers {
         if frame.res != RES_NO_ACK {
             self.acknowledge(command == Ok(wire::Command::PingOrAck), now);
         }
-        if let Err(refusal) = command
-            && owns(frame.did, frame.data)
-        {
-            let outcome = Outcome::of(frame.did, frame.data, refusal.into());
+        if let Err(Refusal::Extension(verdict)) = command {
+            let outcome = Outcome::of(frame.did, frame.data, verdict);
             self.extension.owe(Owed::Outcome(outcome), &mut self.counters);
         }
         match command {
             Ok(command) => self.carry_out(command, now),
-            Err(unknown @ Refusal::UnknownDid(_)) => {
+            Err(unknown @ (Refusal::UnknownDid(_) | Refusal::Extension(Verdict::Unknown))) => {
                 count(&mut self.counters.unknown, 1);
                 warning!("frame ignored: {}", unknown);
                 None
@@ -345,7 +345,9 @@ impl Answers {
             wire::Command::Lcd(frame) => {
                 Some(Request::Show(Picture { number: frame.number, columns: *frame.columns }))
             }
-            wire::Command::Run { scope, run } => control(Command::Run { scope, run }),
+            wire::Command::Run { scope: whom, run } => {
+                control(Command::Run { scope: scope(whom), run })
+            }
             wire::Command::Telemetry { reports, repeat } => {
                 let asked = |topic| match topic {
                     Topic::Telemetry(of) => reports == of || reports == Reports::All,

@@ -1,10 +1,11 @@
 //! Between the wire's words and the controller's: motion commands one way, reports the other.
 
 use protocol::pms5005::{
-    CustomIoReport, Encoder, Gain, Loop, Method, MotorReport, Move, Parameter, Parameters,
+    self as wire, CustomIoReport, Encoder, Gain, Loop, MotorReport, Move, Parameter, Parameters,
     Quantity, Report, Reports, SensorReport,
 };
 
+use crate::channel::{Channel, Method, Polarity, Scope, Sensor};
 use crate::command::Command;
 use crate::controller::{EncoderReading, Snapshot};
 use crate::settings::{ControlSettings, Settings};
@@ -27,13 +28,31 @@ pub(super) fn motion(command: &Move) -> Command {
 /// The settings with a frame's parameters. Of two values for the same the later counts.
 pub(super) fn with_parameters(settings: &Settings, parameters: Parameters<'_>) -> Settings {
     let mut settings = *settings;
-    let ControlSettings { channels, collision, ki_reading, .. } = &mut settings.control;
+    let read_ki = ki_reading(settings.link.ki_reading);
+    let ControlSettings { channels, collision, .. } = &mut settings.control;
     for parameter in parameters.iter() {
         match parameter {
             Parameter::CollisionProtection(on) => collision.enabled = on,
-            Parameter::Polarity(channel, polarity) => channels[channel.index()].polarity = polarity,
-            Parameter::Sensor(channel, sensor) => channels[channel.index()].sensor = Some(sensor),
-            Parameter::Method(channel, method) => channels[channel.index()].method = Some(method),
+            Parameter::Polarity(channel, wire) => {
+                channels[channel.index()].polarity = match wire {
+                    wire::Polarity::Positive => Polarity::Positive,
+                    wire::Polarity::Negative => Polarity::Negative,
+                }
+            }
+            Parameter::Sensor(channel, wire) => {
+                channels[channel.index()].sensor = Some(match wire {
+                    wire::Sensor::SinglePotentiometer => Sensor::SinglePotentiometer,
+                    wire::Sensor::DualPotentiometer => Sensor::DualPotentiometer,
+                    wire::Sensor::Encoder => Sensor::Encoder,
+                })
+            }
+            Parameter::Method(channel, wire) => {
+                channels[channel.index()].method = Some(match wire {
+                    wire::Method::Pwm => Method::Pwm,
+                    wire::Method::Position => Method::Position,
+                    wire::Method::Velocity => Method::Velocity,
+                })
+            }
             Parameter::Gain(channel, control_loop, gain) => {
                 let channel = &mut channels[channel.index()];
                 let gains = match control_loop {
@@ -44,13 +63,37 @@ pub(super) fn with_parameters(settings: &Settings, parameters: Parameters<'_>) -
                     Gain::Proportional(kp) => gains.kp = kp,
                     Gain::Derivative(kd) => gains.kd = kd,
                     Gain::Integral { integer, fraction } => {
-                        gains.ki_hundredths = ki_reading.hundredths([integer, fraction]);
+                        gains.ki_hundredths = read_ki([integer, fraction]);
                     }
                 }
             }
         }
     }
     settings
+}
+
+/// Whom a suspend or a resume is about.
+pub(super) fn scope(scope: wire::Scope) -> Scope {
+    match scope {
+        wire::Scope::All => Scope::All,
+        wire::Scope::Motor(channel) => Scope::Motor(Channel::ALL[channel.index()]),
+        wire::Scope::Servo(channel) => Scope::Servo(Channel::ALL[channel.index()]),
+    }
+}
+
+/// How the two bytes of Ki become hundredths, by setting 2; hosts disagree.
+fn ki_reading(setting: u8) -> impl Fn([u8; 2]) -> u16 {
+    move |[integer, fraction]| {
+        let whole = u16::from(integer) * 100;
+        match setting {
+            // M + N/100: the manual's "integer part, fraction part" in decimal.
+            0 => whole + u16::from(fraction),
+            // M + N/256: the manual's table taken as fixed point.
+            1 => whole + ((u16::from(fraction) * 100) >> 8),
+            // A 16-bit number of hundredths, low byte first: what public hosts send.
+            _ => u16::from_le_bytes([integer, fraction]),
+        }
+    }
 }
 
 /// PWM 0 to 32767 as a raw duty. Neutral is 16384; hosts use 16383 too, and both mean stop.

@@ -20,8 +20,8 @@ mod current;
 mod motion;
 mod tracking;
 
-use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{Method, Sensor};
+use crate::channel::{Method, Sensor};
+use crate::safety::faults::Fault;
 
 use crate::control::axis::Reading;
 use crate::control::pid::Limits;

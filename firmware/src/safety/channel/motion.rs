@@ -1,7 +1,7 @@
 //! What a shaft that does not move says: it is held fast, or nobody sees it move. And one that moves
 //! as nothing can.
 
-use protocol::pms5005::{Method, Sensor};
+use crate::channel::{Method, Sensor};
 
 use super::{Observed, reached};
 use crate::control::track::scale;

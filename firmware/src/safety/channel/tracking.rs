@@ -1,6 +1,6 @@
 //! What a closed loop, or a soft limit, makes of its shaft: it drives it the wrong way, or it hunts.
 
-use protocol::pms5005::Method;
+use crate::channel::Method;
 
 use super::{Observed, reached};
 use crate::settings::ChannelFaultSettings;

@@ -3,14 +3,15 @@
 use std::fmt::Write;
 
 use embassy_time::Instant;
+use firmware::channel::Channel;
 use firmware::controller::Snapshot;
 use firmware::safety::channel::Limiting;
+use firmware::safety::faults::Fault;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::plant::Overrides;
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
-use protocol::pms5005::extension::Fault;
-use protocol::pms5005::{Channel, Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
+use protocol::pms5005::{Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -234,7 +235,7 @@ pub fn latched(snapshot: &Snapshot) -> impl Iterator<Item = String> {
             }
             name.push(letter.to_ascii_lowercase());
         }
-        channel.map_or(name.clone(), |channel| format!("{name} {}", channel.number()))
+        channel.map_or(name.clone(), |channel| format!("{name} {}", channel.index()))
     };
     snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss).map(name)
 }

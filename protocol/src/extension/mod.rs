@@ -1,13 +1,21 @@
-//! What this implementation adds to the PMS5005's protocol: settings, health, faults, upkeep.
+//! What no controller of old has: settings, health, faults, upkeep. A format of its own, which two
+//! protocols carry: a number (DID) and DATA. [`Request`] is what a host asks, [`Answer`] what the
+//! board tells; [`Fault`] numbers what can go wrong.
 //!
-//! All of it lies off the manual's map, in DIDs 96 to 111 and in DID 7's sub-commands from 0x80: a
-//! host that never sends one of them sees an original PMS5005. [`Request`] is what a host asks,
-//! [`Answer`] what the board tells; [`Fault`] numbers what can go wrong.
+//! | carried by | as | written by |
+//! |---|---|---|
+//! | the [PMS5005](crate::pms5005) | DIDs 96 to 111, and DID 7's sub-commands from 0x80; answers with RID 0, RES 255 | [`Command::Extension`](crate::pms5005::Command::Extension), [`encode_answer`](crate::pms5005::encode_answer) |
+//! | [ARCOS](crate::arcos::extension) | commands and packets 96 to 101 | [`encode_request`](crate::arcos::extension::encode_request), [`encode_answer`](crate::arcos::extension::encode_answer) |
 //!
-//! Frames, checksums and acknowledgements are those of all other frames. Beyond the acknowledgement
-//! a request gets one answer (RID 0, RES 255), which is an [`Outcome`] where there is nothing to
-//! read; a refused one changes nothing, is counted as any refused frame is, and its outcome names
-//! the error. Words and numbers are sent low byte first; ranges are inclusive.
+//! All of it lies off the manuals' maps: a host that never sends one of them sees an original.
+//! Frames, checksums and acknowledgements are the carrier's. Beyond an acknowledgement a request gets
+//! one answer, which is an [`Outcome`] where there is nothing to read; a refused one changes nothing, is
+//! counted as any refused frame is, and its outcome names the error. Words and numbers are sent low byte
+//! first; ranges are inclusive.
+//!
+//! [`VERSION`] rises when bytes change. They change at the end only: an answer grows behind the bytes
+//! that it has, and codes and DIDs are added. So a reader passes over bytes behind those it knows, and
+//! takes counters that an older board does not send as 0.
 //!
 //! Exceptions: health (DID 98) is a stream, so N of it are N answers, and to stop it (0) has none.
 //! Eight other answers may wait for the line; one that finds no room is dropped and counted
@@ -67,8 +75,6 @@
 //! | | 3 | What came of it ([`Verdict`]) |
 //! | | 4 to 5 | Number of the setting that it is about, or 0 |
 //!
-//! A Pioneer Arm carries the same in [other packets](crate::arcos::extension).
-//!
 //! Who only reads keeps nothing running: DIDs 96 to 111 are no signs of life ([`is_read`]).
 //!
 //! Nothing here is a measured value that could give way: unlike telemetry, DATA may hold `5E 0D`.
@@ -89,6 +95,8 @@ pub const VERSION: u8 = 1;
 
 /// Data IDs (Tables E.1 and E.2); the extension owns 96 to 111.
 pub mod did {
+    /// The PMS5005's system parameters, of which sub-commands from 0x80 on are the extension's.
+    pub const PARAMETERS: u8 = crate::pms5005::did::PARAMETERS;
     /// A setting.
     pub const SETTING: u8 = 96;
     /// Version and how the board has started.
@@ -113,6 +121,6 @@ pub fn is_read(did: u8) -> bool {
 /// Whether a frame with this DID and DATA is the extension's, well formed or not.
 pub fn owns(did: u8, data: &[u8]) -> bool {
     let is_sub_command =
-        did == super::did::PARAMETERS && data.first().is_some_and(|&sub| sub >= request::SET);
+        did == did::PARAMETERS && data.first().is_some_and(|&sub| sub >= request::SET);
     is_sub_command || is_read(did)
 }

@@ -3,7 +3,6 @@
 //! A fault is *latched*: it stays in the list, with the values of the moment it tripped, until the
 //! host clears it. Readings are A/D counts as in the telemetry.
 
-use super::super::command::Channel;
 use crate::data::{Data, EncodeError, Field, codes, record};
 
 /// A fault's number, and the names of the values that are told with it.
@@ -65,16 +64,14 @@ faults! {
 /// Byte 4 of DID 100 for a fault of the board.
 const NO_CHANNEL: u8 = 255;
 
-impl Field for Option<Channel> {
+impl Field for Option<u8> {
     fn put(&self, data: &mut Data) -> Result<(), EncodeError> {
-        self.map_or(NO_CHANNEL, Channel::number).put(data)
+        self.unwrap_or(NO_CHANNEL).put(data)
     }
 
     fn take(data: &mut &[u8]) -> Option<Self> {
-        match u8::take(data)? {
-            NO_CHANNEL => Some(None),
-            number => Channel::new(number).map(Some),
-        }
+        let channel = u8::take(data)?;
+        Some((channel != NO_CHANNEL).then_some(channel))
     }
 }
 
@@ -83,8 +80,8 @@ record! {
     pub struct FaultRecord {
         /// Which.
         pub fault: Fault,
-        /// Of which channel; `None` is the board.
-        pub channel: Option<Channel>,
+        /// Of which channel, from 0; `None` is the board.
+        pub channel: Option<u8>,
         /// Uptime in ms when it tripped, by the control periods until then: periods that were
         /// missed, and the time of an erase, are not in it.
         pub uptime_ms: u32,

@@ -1,9 +1,9 @@
 //! What a host asks of the extension (Table E.1), both directions.
 
-use super::super::command::{Refusal, Repeat};
-use super::super::did as manual;
+use super::answer::Verdict;
 use super::did;
 use crate::data::{Data, EncodeError, append, codes};
+use crate::repeat::Repeat;
 
 /// The sub-command of DID 7 that sets a setting; all from here on are the extension's.
 pub(super) const SET: u8 = 0x80;
@@ -46,31 +46,31 @@ codes! {
 
 impl<'a> Request<'a> {
     /// Reads DID and DATA of a frame that is the extension's; `None` if it is not.
-    pub(crate) fn parse(did: u8, data: &'a [u8]) -> Option<Result<Self, Refusal>> {
+    pub(crate) fn parse(did: u8, data: &'a [u8]) -> Option<Result<Self, Verdict>> {
         if !super::owns(did, data) {
             return None;
         }
         Some(match (did, data) {
-            (manual::PARAMETERS, [SET, ..]) => Assignments::parse(data).map(Self::Set),
-            (manual::PARAMETERS, [number, rest @ ..]) => match Action::from_number(*number) {
+            (did::PARAMETERS, [SET, ..]) => Assignments::parse(data).map(Self::Set),
+            (did::PARAMETERS, [number, rest @ ..]) => match Action::from_number(*number) {
                 Some(action) if rest.is_empty() => Ok(Self::Do(action)),
-                Some(_) => Err(Refusal::Length { did, len: data.len() }),
-                None => Err(Refusal::UnknownSubCommand(*number)),
+                Some(_) => Err(Verdict::BadLength),
+                None => Err(Verdict::Unknown),
             },
             (did::SETTING, &[low, high]) => Ok(Self::Setting(u16::from_le_bytes([low, high]))),
             (did::IDENTITY, []) => Ok(Self::Identity),
             (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first()))),
             (did::COUNTERS, []) => Ok(Self::Counters),
             (did::FAULT, &[place]) => Ok(Self::Fault(place)),
-            (did::SETTING..=did::FAULT, _) => Err(Refusal::Length { did, len: data.len() }),
-            _ => Err(Refusal::UnknownDid(did)),
+            (did::SETTING..=did::FAULT, _) => Err(Verdict::BadLength),
+            _ => Err(Verdict::Unknown),
         })
     }
 
     /// The DID that it has on the wire.
     pub(crate) fn did(&self) -> u8 {
         match self {
-            Self::Set(_) | Self::Do(_) => manual::PARAMETERS,
+            Self::Set(_) | Self::Do(_) => did::PARAMETERS,
             Self::Setting(_) => did::SETTING,
             Self::Identity => did::IDENTITY,
             Self::Health(_) => did::HEALTH,
@@ -116,16 +116,14 @@ impl<'a> Assignments<'a> {
     /// Reads DATA through.
     ///
     /// # Errors
-    /// [`Refusal::Length`] when it ends within an assignment, [`Refusal::UnknownSubCommand`] when
-    /// something else stands between them.
-    pub fn parse(bytes: &'a [u8]) -> Result<Self, Refusal> {
+    /// [`Verdict::BadLength`] when it ends within an assignment, [`Verdict::Unknown`] when something else
+    /// stands between them.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, Verdict> {
         let (assignments, rest) = bytes.as_chunks::<ASSIGNMENT>();
         let stranger = assignments.iter().map(|a| a[0]).find(|&sub| sub != SET);
         match stranger {
-            Some(sub) => Err(Refusal::UnknownSubCommand(sub)),
-            None if assignments.is_empty() || !rest.is_empty() => {
-                Err(Refusal::Length { did: manual::PARAMETERS, len: bytes.len() })
-            }
+            Some(_) => Err(Verdict::Unknown),
+            None if assignments.is_empty() || !rest.is_empty() => Err(Verdict::BadLength),
             None => Ok(Self { bytes }),
         }
     }

@@ -1,8 +1,5 @@
 //! What the board tells through the extension (Table E.2), both directions.
 
-use super::super::command::Refusal;
-use super::super::did as manual;
-use super::super::frame::{Frame, RES_NO_ACK, RID_HOST};
 use super::did;
 use super::fault::FaultRecord;
 use crate::data::{Data, EncodeError, Field, append, codes, record};
@@ -91,18 +88,24 @@ codes! {
     }
 }
 
-impl From<Refusal> for Verdict {
-    /// The verdict on a frame of the extension that could not be read.
-    fn from(refusal: Refusal) -> Self {
-        match refusal {
-            Refusal::UnknownDid(_) | Refusal::UnknownSubCommand(_) => Self::Unknown,
-            Refusal::Length { .. } => Self::BadLength,
-            Refusal::NoSuchChannel(_) | Refusal::RepeatedChannel(_) | Refusal::Value { .. } => {
-                Self::OutOfRange
-            }
-        }
+impl core::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Done => "done",
+            Self::Unknown => "this board's version has no such request",
+            Self::BadLength => "the request has the wrong length",
+            Self::NoSuchSetting => "no setting has this number",
+            Self::OutOfRange => "the value is out of the setting's range",
+            Self::Contradiction => "the value contradicts another setting's",
+            Self::OutputsOn => "a motor or a servo is on: suspend all first",
+            Self::Busy => "another request is being carried out: wait for its answer",
+            Self::NotAvailable => "this board cannot do it",
+            Self::FlashFailed => "the flash failed; what was saved before is still there",
+        })
     }
 }
+
+impl core::error::Error for Verdict {}
 
 /// A setting, told in full (DID 96).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -270,8 +273,8 @@ pub enum Answer<'a> {
 }
 
 impl<'a> Answer<'a> {
-    /// Bytes of the longest: the counters.
-    pub const MAX_FRAME: usize = super::super::OVERHEAD + size_of::<Counters>();
+    /// Bytes of the longest DATA: the counters.
+    pub const MAX_DATA: usize = size_of::<Counters>();
 
     /// Its DID.
     pub fn did(&self) -> u8 {
@@ -285,20 +288,12 @@ impl<'a> Answer<'a> {
         }
     }
 
-    /// Writes the whole frame (RID 0, RES 255) into `out` and answers the part it took.
+    /// Appends DATA.
     ///
     /// # Errors
-    /// [`EncodeError::BufferTooShort`]; [`EncodeError::NotRepresentable`] for a setting without
-    /// number or with a name that is too long, and for a fault record that is missing below
-    /// `total` or there beyond it.
-    pub fn encode<'b>(&self, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-        let mut data = Data::new();
-        self.emit(&mut data)?;
-        Frame { rid: RID_HOST, res: RES_NO_ACK, did: self.did(), data: &data }.encode(out)
-    }
-
-    /// Appends DATA.
-    pub(crate) fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
+    /// [`EncodeError::NotRepresentable`] for a setting without number or with a name that is too long,
+    /// and for a fault record that is missing below `total` or there beyond it.
+    pub fn emit(&self, data: &mut Data) -> Result<(), EncodeError> {
         match self {
             Self::Setting(setting) => {
                 let representable = setting.number != 0
@@ -362,7 +357,7 @@ impl<'a> Answer<'a> {
             }
             did::IDENTITY => Self::Identity(Field::take(fields)?),
             did::HEALTH => Self::Health(Field::take(fields)?),
-            did::COUNTERS => Self::Counters(Field::take(fields)?),
+            did::COUNTERS => Self::Counters(Counters::take_what_is_there(fields)),
             did::FAULT => {
                 let [place, total] = Field::take(fields)?;
                 let record = if place < total { Some(Field::take(fields)?) } else { None };
@@ -371,7 +366,16 @@ impl<'a> Answer<'a> {
             did::OUTCOME => Self::Outcome(Field::take(fields)?),
             _ => return None,
         };
-        rest.is_empty().then_some(answer)
+        Some(answer) // what is behind it is of a later version
+    }
+}
+
+impl Counters {
+    /// An older board does not send the last ones: they are 0.
+    fn take_what_is_there(data: &[u8]) -> Self {
+        let mut padded = [0; size_of::<Self>()];
+        padded.iter_mut().zip(data).for_each(|(byte, sent)| *byte = *sent);
+        Self::take(&mut padded.as_slice()).unwrap_or_default() // as long as all of them
     }
 }
 
@@ -383,6 +387,6 @@ impl Outcome {
 
     /// What came of a sub-command of DID 7.
     pub fn of_action(action: super::Action, verdict: Verdict) -> Self {
-        Self::of(manual::PARAMETERS, &[action.number()], verdict)
+        Self::of(did::PARAMETERS, &[action.number()], verdict)
     }
 }

@@ -1,0 +1,108 @@
+//! The core's words for its channels, six for DC motors and six for servos, numbered alike: which, what
+//! measures one, and how it is run.
+
+/// DC channels, and servos: there are six of each.
+pub const CHANNELS: usize = 6;
+
+/// Channels 0 and 1 have encoders.
+pub const ENCODERS: usize = 2;
+/// Channels 0 to 2 have pairs of potentiometers.
+pub const PAIRS: usize = 3;
+
+/// A DC or servo channel. People count from 1, wires and arrays from 0.
+///
+/// Six names rather than a number: an array of [`CHANNELS`] has each, and the compiler knows it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Channel {
+    Channel0,
+    Channel1,
+    Channel2,
+    Channel3,
+    Channel4,
+    Channel5,
+}
+
+impl Channel {
+    /// All channels, in order.
+    pub const ALL: [Self; CHANNELS] = [
+        Self::Channel0,
+        Self::Channel1,
+        Self::Channel2,
+        Self::Channel3,
+        Self::Channel4,
+        Self::Channel5,
+    ];
+
+    /// 0 to 5, for arrays of [`CHANNELS`].
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// Whom a command is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Scope {
+    /// All DC channels and all servos.
+    All,
+    /// One DC channel.
+    Motor(Channel),
+    /// One servo.
+    Servo(Channel),
+}
+
+/// How a DC channel is controlled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Method {
+    /// Open loop: the command is the duty.
+    Pwm,
+    /// Closed loop on position.
+    Position,
+    /// Closed loop on velocity.
+    Velocity,
+}
+
+impl Method {
+    /// All methods.
+    pub const ALL: [Self; 3] = [Self::Pwm, Self::Position, Self::Velocity];
+}
+
+/// What measures a DC channel's shaft.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sensor {
+    /// One potentiometer, 0 to 4095.
+    SinglePotentiometer,
+    /// Two potentiometers half a turn apart, 0 to 4427 and round again.
+    DualPotentiometer,
+    /// A quadrature encoder, 0 to 32767 and round again.
+    Encoder,
+}
+
+impl Sensor {
+    /// All sensors.
+    pub const ALL: [Self; 3] = [Self::SinglePotentiometer, Self::DualPotentiometer, Self::Encoder];
+}
+
+/// The loop that gains belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Loop {
+    /// That of positions.
+    Position,
+    /// That of velocities.
+    Velocity,
+}
+
+/// Which way a bridge is wired: whether the sensor's counts rise when the duty is positive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Polarity {
+    /// They rise.
+    Positive,
+    /// They fall.
+    Negative,
+}
