@@ -248,9 +248,8 @@ impl Controller {
                 sensor: axis.sensor(),
                 reading,
                 full_speed: self.settings.known_full_speed(axis.sensor()),
-                method: axis.method(),
                 set_point: axis.set_point(),
-                error: axis.error(reading),
+                deviation: axis.deviation(reading),
                 is_at_soft_limit: axis.is_at_soft_limit(),
                 sensor_is_chosen: self.settings.channels[i].sensor.is_some(),
             };

@@ -56,6 +56,26 @@ pub struct Reading {
     pub velocity: CountsPerSecond,
 }
 
+/// What a channel is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SetPoint {
+    /// Open loop.
+    Duty(Duty),
+    /// Of the position loop.
+    Position(Counts),
+    /// Of the velocity loop.
+    Velocity(CountsPerSecond),
+}
+
+/// The set-point of a closed loop less what is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deviation {
+    /// The shorter way.
+    Position(Counts),
+    /// Too slow is positive, for a positive set-point.
+    Velocity(CountsPerSecond),
+}
+
 /// Why a channel does not take a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -183,9 +203,13 @@ impl Axis {
         self.method
     }
 
-    /// What the loop is asked for now, in the method's unit.
-    pub fn set_point(&self) -> Counts {
-        Counts::from_bits(self.set_point)
+    /// What it is asked for now.
+    pub fn set_point(&self) -> SetPoint {
+        match self.method {
+            Method::Pwm => SetPoint::Duty(Duty::from_raw(self.set_point)),
+            Method::Position => SetPoint::Position(Counts::from_bits(self.set_point)),
+            Method::Velocity => SetPoint::Velocity(CountsPerSecond::from_bits(self.set_point)),
+        }
     }
 
     /// Logical drive of the last period.
@@ -198,13 +222,16 @@ impl Axis {
         self.is_at_soft_limit
     }
 
-    /// The set-point less what is measured, in the method's unit; none for PWM.
-    pub fn error(&self, now: Reading) -> Counts {
-        let set_point = Counts::from_bits(self.set_point);
-        match self.method {
-            Method::Pwm => Counts::ZERO,
-            Method::Position => self.track.difference(set_point, now.position),
-            Method::Velocity => set_point.saturating_sub(now.velocity),
+    /// The set-point less what is measured; PWM has none.
+    pub fn deviation(&self, now: Reading) -> Option<Deviation> {
+        match self.set_point() {
+            SetPoint::Duty(_) => None,
+            SetPoint::Position(set_point) => {
+                Some(Deviation::Position(self.track.difference(set_point, now.position)))
+            }
+            SetPoint::Velocity(set_point) => {
+                Some(Deviation::Velocity(set_point.saturating_sub(now.velocity)))
+            }
         }
     }
 

@@ -20,10 +20,10 @@ mod current;
 mod motion;
 mod tracking;
 
-use crate::channel::{Method, Sensor};
+use crate::channel::Sensor;
 use crate::safety::faults::Fault;
 
-use crate::control::axis::Reading;
+use crate::control::axis::{Deviation, Reading, SetPoint};
 use crate::control::pid::Limits;
 use crate::settings::ChannelFaultSettings;
 use crate::units::{Counts, Drive, Duty};
@@ -50,12 +50,10 @@ pub struct Observed {
     pub reading: Reading,
     /// Counts per second at full drive.
     pub full_speed: u32,
-    /// What the loop is for; PWM is none.
-    pub method: Method,
-    /// What the loop is asked for now, in the method's unit.
-    pub set_point: Counts,
-    /// The set-point less what is measured, in the method's unit.
-    pub error: Counts,
+    /// What is asked for now.
+    pub set_point: SetPoint,
+    /// The set-point of a closed loop less what is measured.
+    pub deviation: Option<Deviation>,
     /// Whether a soft limit holds the shaft: it is not asked to move.
     pub is_at_soft_limit: bool,
     /// Whether the sensor was chosen for this channel; else nobody has said that there is one.
@@ -64,7 +62,7 @@ pub struct Observed {
 
 impl Observed {
     fn is_closed(&self) -> bool {
-        self.method != Method::Pwm
+        self.deviation.is_some()
     }
 
     /// Whether anybody has said that something measures this shaft.
@@ -192,7 +190,12 @@ impl ChannelMonitor {
             return Some((Fault::SensorLost, [position, now.duty.raw(), position]));
         }
         let is_astray = self.wrong_way.step(now, settings) | self.hunting.step(now, settings);
-        is_astray.then_some((Fault::TrackingError, values(word(now.error))))
+        let error = match now.deviation {
+            Some(Deviation::Position(way)) => word(way),
+            Some(Deviation::Velocity(difference)) => difference.saturating_to_num(),
+            None => 0,
+        };
+        is_astray.then_some((Fault::TrackingError, values(error)))
     }
 }
 

@@ -1,12 +1,13 @@
 //! What a shaft that does not move says: it is held fast, or nobody sees it move. And one that moves
 //! as nothing can.
 
-use crate::channel::{Method, Sensor};
+use crate::channel::Sensor;
 
 use super::{Observed, reached};
+use crate::control::axis::Deviation;
 use crate::control::track::scale;
 use crate::settings::ChannelFaultSettings;
-use crate::units::Counts;
+use crate::units::{Counts, CountsPerSecond};
 
 const LAST_COUNT: Counts = Counts::const_from_int(4095);
 
@@ -60,11 +61,15 @@ impl Stillness {
         let is_held = is_sensed && duty > 0 && of_full_drive >= held;
         // So little hurts nobody, and friction takes as much.
         let is_much = now.current >= settings.stall_current >> 2;
-        let is_asked_to_move = match now.method {
+        let is_asked_to_move = match now.deviation {
             _ if now.is_at_soft_limit => false,
-            Method::Pwm => true,
-            Method::Position => now.error.saturating_abs() >= Counts::from(settings.stall_error),
-            Method::Velocity => now.error.saturating_abs() >= Counts::from(settings.still),
+            None => true,
+            Some(Deviation::Position(way)) => {
+                way.saturating_abs() >= Counts::from(settings.stall_error)
+            }
+            Some(Deviation::Velocity(difference)) => {
+                difference.saturating_abs() >= CountsPerSecond::from(settings.still)
+            }
         };
         let is_above_dead_band = duty >= settings.dead_band.max(1);
         let is_forward = now.duty.raw() > 0;

@@ -1,8 +1,7 @@
 //! What a closed loop, or a soft limit, makes of its shaft: it drives it the wrong way, or it hunts.
 
-use crate::channel::Method;
-
 use super::{Observed, reached};
+use crate::control::axis::{Deviation, SetPoint};
 use crate::settings::ChannelFaultSettings;
 use crate::units::{Counts, CountsPerSecond, Drive, PERIODS_PER_SECOND};
 
@@ -22,10 +21,10 @@ const NOISE: CountsPerSecond = CountsPerSecond::const_from_int(4);
 pub(super) struct WrongWay {
     /// Periods since it began to move against the drive, up to [`SETTLES`].
     begun: u8,
-    /// Since it was last slower than ever since then: the speed and the error at that time, and the
-    /// way, in thousandths of a count.
+    /// Since it was last slower than ever since then: the speed at that time, how far off a position loop
+    /// was, and the way, in thousandths of a count.
     slowest: CountsPerSecond,
-    error: Counts,
+    off: Counts,
     way: u64,
 }
 
@@ -33,11 +32,18 @@ impl WrongWay {
     /// Whether it has gone too far.
     pub(super) fn step(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> bool {
         let velocity = now.reading.velocity;
-        let (speed, error) = (velocity.saturating_abs(), now.error.saturating_abs());
+        let speed = velocity.saturating_abs();
         let is_driven = now.duty.raw().unsigned_abs() >= settings.dead_band;
         // A PWM asks for nothing; it is a soft limit that brakes there.
-        let is_away =
-            now.method == Method::Pwm || is_opposite(velocity.to_bits(), now.error.to_bits());
+        let (is_away, off) = match now.deviation {
+            None => (true, Counts::ZERO),
+            Some(Deviation::Position(way)) => {
+                (is_opposite(velocity.to_bits(), way.to_bits()), way.saturating_abs())
+            }
+            Some(Deviation::Velocity(difference)) => {
+                (is_opposite(velocity.to_bits(), difference.to_bits()), Counts::ZERO)
+            }
+        };
         // The estimate at rest is seldom 0 to the bit.
         let is_against =
             speed > NOISE && is_opposite(velocity.to_bits(), now.drive.to_bits()) && is_away;
@@ -48,7 +54,7 @@ impl WrongWay {
         let noise = NOISE.saturating_add(self.slowest.wrapping_shr(NOISE_SHIFT));
         let is_slower = speed < self.slowest.saturating_sub(noise);
         if self.begun == 0 || is_slower {
-            (self.slowest, self.error, self.way) = (speed, error, 0);
+            (self.slowest, self.off, self.way) = (speed, off, 0);
         }
         if self.begun < SETTLES {
             self.begun = self.begun.saturating_add(1);
@@ -59,13 +65,15 @@ impl WrongWay {
         if settings.wrong_way_ms == 0 || self.begun < SETTLES || self.way < bearable {
             return false;
         }
-        match now.method {
+        match now.deviation {
             // One that runs down a slope is as fast as it is asked to be.
-            Method::Velocity => error >= speed.wrapping_shr(1),
+            Some(Deviation::Velocity(difference)) => {
+                difference.saturating_abs() >= speed.wrapping_shr(1)
+            }
             // One that is let down stays as near to its set-point as it was.
-            Method::Pwm => true,
-            Method::Position => {
-                let farther = i64::from(error.saturating_sub(self.error).to_bits());
+            None => true,
+            Some(Deviation::Position(_)) => {
+                let farther = i64::from(off.saturating_sub(self.off).to_bits());
                 let twice = farther.saturating_mul((2 * PERIODS_PER_SECOND).into()) >> 8;
                 u64::try_from(twice).unwrap_or(0) >= bearable
             }
@@ -85,7 +93,7 @@ const STEADY: u16 = 500;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Hunting {
     /// What was asked for last, and for how long already.
-    asked: Option<(Method, Counts)>,
+    asked: Option<SetPoint>,
     steady: u16,
     /// Which way the loop last pushed, and for how long it still hunts.
     pushed_forward: Option<bool>,
@@ -97,7 +105,7 @@ pub(super) struct Hunting {
 impl Hunting {
     /// Whether it has hunted for too long.
     pub(super) fn step(&mut self, now: &Observed, settings: &ChannelFaultSettings) -> bool {
-        let asked = Some((now.method, now.set_point));
+        let asked = Some(now.set_point);
         self.steady = if asked == self.asked { self.steady.saturating_add(1) } else { 0 };
         self.asked = asked;
         self.hunts = self.hunts.saturating_sub(1);
