@@ -18,6 +18,8 @@ pub enum Command {
         targets: [Option<i16>; CHANNELS],
         /// Control periods until the set-point is there; 0 is at once.
         periods: u16,
+        /// A number by which the personality knows what asked for it, should it be refused.
+        origin: u8,
     },
     /// Move servos; targets in 1/2250 ms.
     MoveServos {
@@ -45,6 +47,14 @@ pub enum Command {
     ShowFault(u8),
     /// Keep on record what only somebody else can see.
     Record(Fault),
+    /// Let a channel's encoder stand at this count from now on. The channel must be off; a move that is
+    /// paused is forgotten.
+    SetCount {
+        /// Whose.
+        channel: Channel,
+        /// What it stands at.
+        count: i32,
+    },
 }
 
 const _: () = assert!(size_of::<Command>() <= 36);
@@ -61,10 +71,6 @@ pub struct Refused {
 
 impl core::fmt::Display for Refused {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let why = match self.reason {
-            AxisRefusal::BeyondScale => "the target lies beyond the sensor's scale",
-            AxisRefusal::OtherMethod => "it was set to another method (sub-command 0E)",
-        };
-        write!(f, "channel {}: {why}", self.channel.index())
+        write!(f, "channel {}: {}", self.channel.index(), self.reason)
     }
 }

@@ -89,7 +89,7 @@ impl VirtualBoard {
     /// Frames and commands refused so far: by the session for what they say, by the controller for
     /// what they would do.
     pub fn refused(&self) -> u32 {
-        self.link().refused.wrapping_add(self.snapshot().counters.refused)
+        self.link().refused.wrapping_add(self.snapshot().counters.refused.total())
     }
 }
 

@@ -286,11 +286,11 @@ fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
     ] {
         assert!(state["link"][counter].is_u64(), "{counter}");
     }
-    assert_eq!(state["motors"][0]["limiting"], json!(null));
+    assert_eq!(state["motors"][0]["reason"], json!(null));
     board.ask(json!({"set": {"jam": [true, false, false, false, false, false]}}));
     board.until(|s| s["motors"][0]["velocity"] == 0.0 && s["motors"][0]["duty"] != 0.0);
     board.ask(json!({"set": {"motor_current": [4000, 2048, null, null, null, null]}}));
-    board.until(|s| s["motors"][0]["limiting"] == "over_current");
+    board.until(|s| s["motors"][0]["reason"] == "limited: too much current");
     let floats = board.until(|s| s["motors"][1]["current_sensor"] == false);
     assert_eq!(floats["motors"][2]["current_sensor"], true);
     assert_eq!(floats["faults"], json!(["current_sensor 1"]));

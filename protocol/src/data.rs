@@ -94,6 +94,27 @@ macro_rules! record {
 }
 pub(crate) use record;
 
+/// A record of counters, which can be walked by name.
+macro_rules! counters {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$of_field:meta])* pub $field:ident: u32,)+
+    }) => {
+        $crate::data::record! {
+            $(#[$meta])*
+            #[derive(Default)]
+            pub struct $name { $($(#[$of_field])* pub $field: u32,)+ }
+        }
+
+        impl $name {
+            /// Each by its name, in their order.
+            pub fn named(&self) -> impl Iterator<Item = (&'static str, u32)> {
+                [$((stringify!($field), self.$field)),+].into_iter()
+            }
+        }
+    };
+}
+pub(crate) use counters;
+
 /// Bytes of the wire that stand for one of these.
 macro_rules! codes {
     ($(#[doc = $doc:literal])+ $name:ident { $($(#[doc = $what:expr])+ $variant:ident = $number:literal,)+ }) => {

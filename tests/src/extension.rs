@@ -1,4 +1,4 @@
-//! The extension (DIDs 96 to 101) as a host uses it, over any wire that carries it.
+//! The extension (DIDs 96 to 103) as a host uses it, over any wire that carries it.
 
 use protocol::extension::{Action, Answer, Assignments, Identity, Latched, Verdict};
 use protocol::pms5005::Data;
@@ -49,6 +49,12 @@ impl<B: Extended> Host<B> {
     /// What came of setting these.
     pub fn set(&mut self, assignments: &[(u16, i32)]) -> (Verdict, u16) {
         self.outcome(B::DO, &assign(assignments))
+    }
+
+    /// What came of setting an encoder's count.
+    pub fn set_count(&mut self, channel: u8, count: i32) -> Verdict {
+        let [c0, c1, c2, c3] = count.to_le_bytes();
+        self.outcome(B::DO, &[0x86, channel, c0, c1, c2, c3]).0
     }
 
     /// A setting's value.

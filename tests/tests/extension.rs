@@ -4,8 +4,9 @@
 use hal_mock::board::Make;
 use hal_mock::flash::{Flash, SIZE};
 use protocol::extension::{
-    Action, Answer, Assignments, Counters, Description, Fault, FaultRecord, Health, Identity,
-    Latched, Origin, Outcome, Request, ResetCause, Unit, Verdict,
+    Action, Answer, Assignments, ChannelState, Counters, Description, Fault, FaultRecord, Health,
+    Identity, Latched, MachineState, Mode, Origin, Outcome, Reason, Refusals, Request, ResetCause,
+    Unit, Verdict,
 };
 use protocol::pms5005::{
     Channel, Command, EncodeError, Frame, Gain, Loop, Method, Parameter, Polarity, Quantity,
@@ -113,6 +114,39 @@ fn table_e_2_byte_by_byte() {
     assert_eq!((did, data.len()), (99, 72));
     assert_eq!((&data[..8], &data[68..]), (&[1, 0, 0, 0, 0, 2, 0, 0][..], &[18, 0, 0, 0][..]));
 
+    let refusals = Refusals { length: 1, channel: 0x0200, scale: 9, ..Refusals::default() };
+    let (did, data) = told(Answer::Refusals(refusals));
+    assert_eq!((did, data.len()), (103, 36));
+    assert_eq!((&data[..8], &data[32..]), (&[1, 0, 0, 0, 0, 2, 0, 0][..], &[9, 0, 0, 0][..]));
+
+    let channel = ChannelState {
+        position: -2,
+        velocity: 0x0403_0201,
+        set_point: -3,
+        duty: 0x0605,
+        current: 0x0807,
+        mode: Mode::Velocity,
+        reason: Reason::OtherMethod,
+        detail: 27,
+    };
+    let mut channels = [ChannelState::default(); 6];
+    channels[5] = channel;
+    let state = MachineState {
+        time_ms: 0x0201,
+        flags: 5,
+        refused: 4,
+        battery: [0x0605, 0x0807, 0x0A09],
+        channels,
+        servos: [0x0C0B, 0, 0, 0, 0, 7000],
+    };
+    let (did, data) = told(Answer::State(state));
+    assert_eq!((did, data.len()), (102, 124));
+    assert_eq!(data[..10], [1, 2, 5, 4, 5, 6, 7, 8, 9, 10]);
+    assert!(data[10..95].iter().all(|&byte| byte == 0), "five channels that are off");
+    let sixth = [254, 255, 255, 255, 1, 2, 3, 4, 253, 255, 5, 6, 7, 8, 3, 4, 27];
+    assert_eq!(data[95..112], sixth);
+    assert_eq!(data[112..], [11, 12, 0, 0, 0, 0, 0, 0, 0, 0, 0x58, 0x1B]);
+
     let record = FaultRecord {
         fault: Fault::Stall,
         channel: Some(5),
@@ -163,7 +197,8 @@ fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
         (7, cut_short, Verdict::BadLength, 0),
         (7, &mixed, Verdict::Unknown, 0),
         (7, &[0x82, 0x82], Verdict::BadLength, 0),
-        (7, &[0x86], Verdict::Unknown, 0),
+        (7, &[0x86], Verdict::BadLength, 0),
+        (7, &[0x87], Verdict::Unknown, 0),
         (7, &[0xFF], Verdict::Unknown, 0),
         (96, &[], Verdict::BadLength, 0),
         (96, &[15, 0], Verdict::NoSuchSetting, 15),
@@ -171,6 +206,9 @@ fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
         (98, &[1, 1], Verdict::BadLength, 0),
         (100, &[], Verdict::BadLength, 0),
         (101, &[], Verdict::Unknown, 0),
+        (102, &[1, 1], Verdict::BadLength, 0),
+        (103, &[0], Verdict::BadLength, 0),
+        (104, &[], Verdict::Unknown, 0),
         (111, &[1], Verdict::Unknown, 0),
     ];
     for &(did, data, verdict, setting) in bad {
@@ -453,7 +491,7 @@ fn gains_sensor_method_and_polarity_are_settings_that_outlive_a_restart() {
     bench.drive(Quantity::Position, 1, 100, 0);
     bench.drive(Quantity::Velocity, 1, 1000, 0);
     bench.run_alive_ms(50);
-    assert_eq!(bench.board.snapshot().counters.refused, 1);
+    assert_eq!(bench.board.snapshot().counters.refused.total(), 1);
     assert!(bench.bridge(1).0 < 0, "{:?}", bench.bridge(1));
     // A sensor that the channel does not have.
     assert_eq!(bench.set(&[(254, 3)]), (Verdict::Contradiction, 254));

@@ -370,7 +370,7 @@ fn chaos(seed: u64) -> [u32; 32] {
             sent += 1;
         }
     }
-    let refused = snapshot.counters.refused + session.counters().refused;
+    let refused = snapshot.counters.refused.total() + session.counters().refused;
     let commands = session.signs_of_life();
     println!("seed {seed}: {commands} frames, {damaged} damaged, {refused} refused, {sent} sent");
     assert!(refused > 1000 && commands > 300_000 && damaged > 30_000 && sent > 100_000);

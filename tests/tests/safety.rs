@@ -468,7 +468,7 @@ fn a_chosen_method_refuses_the_others_except_a_stop() {
     bench.drive(Quantity::Velocity, 0, 2000, 0);
     bench.run_alive_ms(500);
     bench.received();
-    let before = bench.board.snapshot().counters.refused;
+    let before = bench.board.snapshot().counters.refused.total();
     bench.drive(Quantity::Pwm, 0, 30_000, 0);
     bench.drive(Quantity::Position, 0, 100, 0);
     // Channel 1 has chosen nothing, but a list is carried out whole or not at all.
@@ -480,7 +480,7 @@ fn a_chosen_method_refuses_the_others_except_a_stop() {
         periods: 0,
     }));
     bench.run_alive_ms(500);
-    assert_eq!(bench.board.snapshot().counters.refused - before, 3);
+    assert_eq!(bench.board.snapshot().counters.refused.total() - before, 3);
     assert!((1900.0..2100.0).contains(&bench.velocity(0)));
     assert_eq!(bench.bridge(1), (0, false));
     // Both numbers that hosts use for neutral are a stop, and a stop is always taken.

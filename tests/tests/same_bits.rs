@@ -84,11 +84,13 @@ fn the_controller_gives_these_bits_on_every_machine() {
                 method: Method::Position,
                 targets: all(random(4096) as i16),
                 periods: 300,
+                origin: 0,
             }),
             400 => Some(Command::Drive {
                 method: Method::Velocity,
                 targets: [None, Some(random(6000) as i16 - 3000), None, None, Some(900), None],
                 periods: random(100) as u16,
+                origin: 0,
             }),
             700 => {
                 Some(Command::MoveServos { targets: all(1000 + random(5000) as i16), periods: 250 })
@@ -97,6 +99,7 @@ fn the_controller_gives_these_bits_on_every_machine() {
                 method: Method::Pwm,
                 targets: [None, None, None, None, None, Some(random(32_768) as i16 - 16_384)],
                 periods: random(200) as u16,
+                origin: 0,
             }),
             850 => Some(Command::Run { scope: Scope::All, run: period % 2000 < 1000 }),
             900 => Some(Command::Run { scope: Scope::All, run: true }),

@@ -12,6 +12,7 @@
 //! is refused, not at all, and a channel that a fault keeps off takes no part; the same commands
 //! and inputs give the same bits on every machine.
 
+mod reason;
 mod shaft;
 mod snapshot;
 
@@ -19,7 +20,7 @@ use core::{array, mem};
 
 use crate::channel::{CHANNELS, Channel, ENCODERS, Method, Scope, Sensor};
 use crate::command::{Command, Refused};
-use crate::control::axis::{Axis, Reading, is_stop};
+use crate::control::axis::{Axis, AxisRefusal, Halt, Reading, is_stop};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
 use crate::control::track::scale;
@@ -31,9 +32,13 @@ use crate::safety::faults::{Fault, FaultRecord, Stops, stops};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
-use crate::units::{CONTROL_PERIOD_MS, Counts};
+use crate::units::CONTROL_PERIOD_MS;
+pub use reason::Reason;
+use reason::{RefusedCommand, reason};
 use shaft::{Shaft, angle};
-pub use snapshot::{ControlCounters, EncoderReading, ShownFault, Snapshot};
+pub use snapshot::{
+    ChannelSnapshot, ControlCounters, EncoderReading, Refusals, ShownFault, Snapshot,
+};
 
 /// The controller's state.
 pub struct Controller {
@@ -49,6 +54,8 @@ pub struct Controller {
     monitors: [ChannelMonitor; CHANNELS],
     board: BoardMonitor,
     faults: Faults,
+    /// Of each channel, its last motion command, if that was refused.
+    refused: [Option<RefusedCommand>; CHANNELS],
     shown_fault: u8,
     counters: ControlCounters,
 }
@@ -77,6 +84,7 @@ impl Controller {
             monitors: Default::default(),
             board: BoardMonitor::default(),
             faults: Faults::default(),
+            refused: [None; CHANNELS],
             shown_fault: 0,
             counters: ControlCounters::default(),
         }
@@ -109,9 +117,9 @@ impl Controller {
         self.counters.periods = self.counters.periods.wrapping_add(1);
         self.measure(motion);
         for command in commands {
-            if let Err(reason) = self.apply(&command, &mut settings, motion) {
-                self.counters.refused = self.counters.refused.wrapping_add(1);
-                warning!("command refused: {}", reason);
+            if let Err(refused) = self.apply(&command, &mut settings, motion) {
+                self.counters.refused.count(refused.reason);
+                warning!("command refused: {}", refused);
             }
         }
         let ControlSettings { link_timeout, longest_move, .. } = self.settings;
@@ -149,9 +157,10 @@ impl Controller {
             }),
             sensors: *sensors,
             outputs,
-            link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
+            link_loss: self.link.is_lost()
+                || self.axes.iter().any(|axis| axis.halt() == Some(Halt::Silence)),
             obstacle: blocked,
-            limiting: array::from_fn(|i| self.monitors[i].limiting()),
+            channels: Channel::ALL.map(|channel| self.channel(channel)),
             no_current_sensor: array::from_fn(|i| {
                 !self.settings.current_sensors[i] || self.monitors[i].current_floats()
             }),
@@ -166,6 +175,19 @@ impl Controller {
         }
     }
 
+    /// What may be told of a channel.
+    fn channel(&self, channel: Channel) -> ChannelSnapshot {
+        let i = channel.index();
+        let (axis, latched) = (&self.axes[i], self.faults.latched());
+        let limiting = self.monitors[i].limiting();
+        ChannelSnapshot {
+            position: self.shaft(channel, axis.sensor()).map_or(0, Shaft::unwrapped),
+            velocity: self.reading(channel).velocity,
+            set_point: axis.set_point(),
+            reason: reason(channel, axis, &latched, self.refused[i], limiting),
+        }
+    }
+
     /// Where a channel is, by the sensor that it uses.
     fn reading(&self, channel: Channel) -> Reading {
         self.reading_by(channel, self.axes[channel.index()].sensor())
@@ -173,19 +195,22 @@ impl Controller {
 
     /// Where a channel is, by this sensor.
     fn reading_by(&self, channel: Channel, sensor: Sensor) -> Reading {
+        self.shaft(channel, sensor).map(|shaft| shaft.reading).unwrap_or_default()
+    }
+
+    fn shaft(&self, channel: Channel, sensor: Sensor) -> Option<&Shaft> {
         match sensor {
             Sensor::Encoder => self.encoders.get(channel.index()),
-            _ => self.angles.get(channel.index()),
+            Sensor::SinglePotentiometer | Sensor::DualPotentiometer => {
+                self.angles.get(channel.index())
+            }
         }
-        .map(|shaft| shaft.reading)
-        .unwrap_or_default()
     }
 
     fn measure(&mut self, motion: &MotionInputs) {
         for (shaft, count) in self.encoders.iter_mut().zip(motion.encoders) {
             // 65536 is two turns of the protocol's scale: the low 15 bits are the position on it.
-            let count = Counts::from(count & 0x7FFF);
-            shaft.update(count, scale(Sensor::Encoder));
+            shaft.update_count(count);
         }
         for channel in Channel::ALL {
             let sensor = self.axes[channel.index()].sensor();
@@ -332,8 +357,8 @@ impl Controller {
         motion: &MotionInputs,
     ) -> Result<(), Refused> {
         match *command {
-            Command::Drive { method, targets, periods } => {
-                self.go(method, &targets, periods, motion)
+            Command::Drive { method, targets, periods, origin } => {
+                self.go(method, &targets, periods, origin, motion)
             }
             Command::MoveServos { .. } if self.faults.latched().stops_servos() => Ok(()),
             Command::MoveServos { targets, periods } => {
@@ -395,6 +420,9 @@ impl Controller {
                 self.record(fault);
                 Ok(())
             }
+            Command::SetCount { channel, count } => {
+                self.set_count(channel, count).map_err(|reason| Refused { channel, reason })
+            }
         }
     }
 
@@ -403,15 +431,23 @@ impl Controller {
         method: Method,
         targets: &[Option<i16>; CHANNELS],
         periods: u16,
+        origin: u8,
         motion: &MotionInputs,
     ) -> Result<(), Refused> {
         let moves = || {
             Channel::ALL.into_iter().zip(targets).filter_map(|(c, target)| Some((c, (*target)?)))
         };
-        for (channel, target) in moves() {
-            self.axes[channel.index()]
-                .check(method, target, self.sensor_for(channel, method))
-                .map_err(|reason| Refused { channel, reason })?;
+        let refused = moves().find_map(|(channel, target)| {
+            let sensor = self.sensor_for(channel, method);
+            let reason = self.axes[channel.index()].check(method, target, sensor).err()?;
+            Some(Refused { channel, reason })
+        });
+        for (channel, _) in moves() {
+            let why = refused.map(|Refused { reason: why, .. }| RefusedCommand { why, origin });
+            self.refused[channel.index()] = why;
+        }
+        if let Some(refused) = refused {
+            return Err(refused);
         }
         // A stop that clears a latch does no more.
         let latched = self.faults.latched();
@@ -423,6 +459,17 @@ impl Controller {
             let reading = self.reading(channel);
             self.axes[channel.index()].go(method, target, periods, reading);
         }
+        Ok(())
+    }
+
+    fn set_count(&mut self, channel: Channel, count: i32) -> Result<(), AxisRefusal> {
+        let axis = &mut self.axes[channel.index()];
+        let shaft = self.encoders.get_mut(channel.index()).ok_or(AxisRefusal::NoEncoder)?;
+        axis.forget_paused();
+        if !axis.is_off() {
+            return Err(AxisRefusal::NotOff);
+        }
+        shaft.set_count(count);
         Ok(())
     }
 

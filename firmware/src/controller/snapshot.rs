@@ -1,8 +1,9 @@
 //! What a personality may tell of the controller: the state of things after a period.
 
+use super::reason::Reason;
 use crate::channel::{CHANNELS, ENCODERS};
+use crate::control::axis::{AxisRefusal, SetPoint};
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
-use crate::safety::channel::Limiting;
 use crate::safety::faults::FaultRecord;
 use crate::safety::latch::Latched;
 use crate::units::{CountsPerSecond, Duty};
@@ -21,12 +22,64 @@ pub struct EncoderReading {
 pub struct ControlCounters {
     /// Control periods since boot; wraps.
     pub periods: u32,
-    /// Commands refused; wraps.
-    pub refused: u32,
+    /// Commands refused.
+    pub refused: Refusals,
     /// Times the host fell silent; wraps.
     pub links_lost: u32,
     /// Control periods that began so late that they were missed; wraps.
     pub periods_missed: u32,
+}
+
+/// Commands refused, by reason. They wrap.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refusals {
+    /// The channel was set to another method.
+    pub method: u32,
+    /// The target lay beyond the sensor's scale.
+    pub scale: u32,
+    /// An encoder's count was to be set where there is none, or while its channel was not off.
+    pub count: u32,
+}
+
+impl Refusals {
+    const NONE: Self = Self { method: 0, scale: 0, count: 0 };
+
+    pub(super) fn count(&mut self, reason: AxisRefusal) {
+        let counter = match reason {
+            AxisRefusal::OtherMethod => &mut self.method,
+            AxisRefusal::BeyondScale => &mut self.scale,
+            AxisRefusal::NoEncoder | AxisRefusal::NotOff => &mut self.count,
+        };
+        *counter = counter.wrapping_add(1);
+    }
+
+    /// All of them.
+    pub fn total(&self) -> u32 {
+        self.method.wrapping_add(self.scale).wrapping_add(self.count)
+    }
+}
+
+/// What may be told of a DC channel after a period. What its bridge does is among the outputs, its current
+/// among what was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChannelSnapshot {
+    /// Counts of its sensor, turn by turn since boot; wraps.
+    pub position: i32,
+    /// By its sensor.
+    pub velocity: CountsPerSecond,
+    /// What it is asked for at this moment of its move.
+    pub set_point: SetPoint,
+    /// Why it does not do what was asked of it, if so.
+    pub reason: Option<Reason>,
+}
+
+impl ChannelSnapshot {
+    const BOOT: Self = Self {
+        position: 0,
+        velocity: CountsPerSecond::ZERO,
+        set_point: SetPoint::Duty(Duty::NEUTRAL),
+        reason: None,
+    };
 }
 
 /// The state of things after a period: what a personality may tell.
@@ -45,8 +98,8 @@ pub struct Snapshot {
     pub link_loss: bool,
     /// The collision protection forbids forward drive.
     pub obstacle: bool,
-    /// Why a DC channel may not use all of its drive, if so.
-    pub limiting: [Option<Limiting>; CHANNELS],
+    /// The DC channels.
+    pub channels: [ChannelSnapshot; CHANNELS],
     /// Which DC channels have no current sensor that can be believed: a setting says so, or the input
     /// reads a current where none can be. Stall by current and overload are off there.
     pub no_current_sensor: [bool; CHANNELS],
@@ -85,11 +138,16 @@ impl Snapshot {
         },
         link_loss: false,
         obstacle: false,
-        limiting: [None; CHANNELS],
+        channels: [ChannelSnapshot::BOOT; CHANNELS],
         no_current_sensor: [false; CHANNELS],
         worst_latency_us: 0,
         faults: Latched::NONE,
         shown_fault: ShownFault { place: 0, total: 0, record: None },
-        counters: ControlCounters { periods: 0, refused: 0, links_lost: 0, periods_missed: 0 },
+        counters: ControlCounters {
+            periods: 0,
+            refused: Refusals::NONE,
+            links_lost: 0,
+            periods_missed: 0,
+        },
     };
 }

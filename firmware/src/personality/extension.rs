@@ -9,19 +9,21 @@ use core::num::NonZeroU8;
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
 use protocol::extension::{
-    self as wire, Action, Answer, Assignments, Counters, Health, Identity, Latched, Outcome,
-    Request as Asked, VERSION, Verdict, did,
+    self as wire, Action, Answer, Assignments, ChannelState, Counters, Health, Identity, Latched,
+    MachineState, Mode, Outcome, Refusals, Request as Asked, VERSION, Verdict, did, flag,
 };
 use protocol::pms5005::Repeat;
 
 use super::{Request, Upkeep, UpkeepRefused, count};
-use crate::channel::Scope;
+use crate::channel::{CHANNELS, Channel, ENCODERS, Scope};
 use crate::command::Command;
-use crate::controller::{ShownFault, Snapshot};
-use crate::ports::{Program, ResetCause};
+use crate::control::axis::{AxisRefusal, SetPoint};
+use crate::controller::{ChannelSnapshot, Reason, ShownFault, Snapshot};
+use crate::ports::{MotorOutput, Program, ResetCause};
 use crate::safety::faults::{Fault, FaultRecord};
 use crate::settings::store::Origin;
 use crate::settings::{Setting, SettingRefused, Settings, Unit};
+use crate::units::ServoPulse;
 
 /// Answers that may wait. A host that waits for each before it asks again never has two.
 const ANSWERS_WAITING: usize = 8;
@@ -96,6 +98,7 @@ pub(super) enum Owed {
     Identity,
     Counters,
     Fault(u8),
+    Refusals,
     Outcome(Outcome),
 }
 
@@ -111,11 +114,24 @@ pub(super) struct Extension {
     /// The place of the fault whose record the host waits for, until it is told, and when to look
     /// whether the controller shows it.
     asked_fault: Option<(u8, Instant)>,
+    /// An encoder's count to be set, as soon as it is known whether its channel is off.
+    asked_count: Option<(Channel, i32)>,
+    /// What the session has refused.
+    pub(super) refusals: Refusals,
 }
 
 impl Extension {
     pub(super) fn new(settings: Settings, boot: Boot, now: Instant) -> Self {
-        Self { settings, boot, booted: now, owed: Deque::new(), upkeep: None, asked_fault: None }
+        Self {
+            settings,
+            boot,
+            booted: now,
+            owed: Deque::new(),
+            upkeep: None,
+            asked_fault: None,
+            asked_count: None,
+            refusals: Refusals::default(),
+        }
     }
 
     /// The settings in force.
@@ -153,32 +169,49 @@ impl Extension {
     /// Owes nobody anything any more: the host has gone. Upkeep under way is still done.
     pub(super) fn forget(&mut self) {
         self.owed.clear();
-        self.asked_fault = None;
+        (self.asked_fault, self.asked_count) = (None, None);
     }
 
     /// When to [`look`](Self::look) at a snapshot.
     pub(super) fn looks_at(&self) -> Option<Instant> {
+        if self.asked_count.is_some() {
+            return Some(Instant::MIN);
+        }
         let is_waiting = |owed: &Owed| matches!(owed, Owed::Fault(_));
         let (_, at) = self.asked_fault?;
         (!self.owed.iter().any(is_waiting)).then_some(at)
     }
 
-    /// What a snapshot has an answer to, as soon as there is room for it.
-    pub(super) fn look(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Owed> {
-        if self.looks_at()? > now {
-            return None;
+    /// What a snapshot has an answer to, as soon as there is room for it, and what is asked of the board
+    /// then.
+    pub(super) fn look(
+        &mut self,
+        now: Instant,
+        snapshot: &Snapshot,
+    ) -> (Option<Owed>, Option<Request>) {
+        if self.looks_at().is_none_or(|at| at > now) {
+            return (None, None);
         }
-        let (place, at) = self.asked_fault.as_mut()?;
+        if let Some((channel, count)) = self.asked_count.take() {
+            let is_off = !snapshot.outputs.motors[channel.index()].enabled;
+            let verdict = if is_off { Verdict::Done } else { Verdict::OutputsOn };
+            let set = is_off.then_some(Request::Control(Command::SetCount { channel, count }));
+            return (Some(Owed::Outcome(Outcome::of_count(verdict))), set);
+        }
+        let Some((place, at)) = self.asked_fault.as_mut() else { return (None, None) };
         *at = now.saturating_add(RECORD_SHOWN);
         let is_told = snapshot.shown_fault.place == *place && !self.owed.is_full();
-        is_told.then_some(Owed::Fault(*place))
+        (is_told.then_some(Owed::Fault(*place)), None)
     }
 
     /// Notes what came of a request that could be read, if that is known already.
     pub(super) fn settle(&mut self, answer: Option<Owed>, counters: &mut Counters) {
         let Some(answer) = answer else { return };
-        if matches!(answer, Owed::Outcome(outcome) if outcome.verdict != Verdict::Done) {
+        if let Owed::Outcome(Outcome { verdict, .. }) = answer
+            && verdict != Verdict::Done
+        {
             count(&mut counters.refused, 1);
+            self.refuse(verdict);
         }
         self.owe(answer, counters);
     }
@@ -190,7 +223,23 @@ impl Extension {
         }
     }
 
-    /// Carries out a request for anything but health, which is a stream: what is to be answered,
+    /// Counts a request that was refused, by reason.
+    pub(super) fn refuse(&mut self, verdict: Verdict) {
+        let refusals = &mut self.refusals;
+        let counter = match verdict {
+            Verdict::Done => return,
+            Verdict::Unknown => &mut refusals.sub_command,
+            Verdict::BadLength => &mut refusals.length,
+            Verdict::NoSuchSetting | Verdict::OutOfRange | Verdict::Contradiction => {
+                &mut refusals.setting
+            }
+            Verdict::OutputsOn | Verdict::Busy => &mut refusals.not_now,
+            Verdict::NotAvailable | Verdict::FlashFailed => &mut refusals.not_available,
+        };
+        count(counter, 1);
+    }
+
+    /// Carries out a request for anything but health and the machine state, which are streams: what is to be answered,
     /// if it is known yet, and what is asked of the board.
     pub(super) fn respond(
         &mut self,
@@ -215,7 +264,20 @@ impl Extension {
                 self.asked_fault = Some((place, now.saturating_add(RECORD_SHOWN)));
                 (None, Some(Request::Control(Command::ShowFault(place))))
             }
-            Asked::Health(_) => (None, None),
+            Asked::Refusals => (Some(Owed::Refusals), None),
+            Asked::SetCount { channel, count } => {
+                let verdict = match Channel::ALL.get(usize::from(channel)) {
+                    Some(channel) if channel.index() >= ENCODERS => Verdict::NotAvailable,
+                    None => Verdict::OutOfRange,
+                    Some(_) if self.asked_count.is_some() => Verdict::Busy,
+                    Some(&channel) => {
+                        self.asked_count = Some((channel, count));
+                        return (None, None);
+                    }
+                };
+                (Some(Owed::Outcome(Outcome::of_count(verdict))), None)
+            }
+            Asked::Health(_) | Asked::State(_) => (None, None),
             Asked::Set(assignments) => self.set(assignments),
             Asked::Do(action) => self.act(action),
         }
@@ -301,7 +363,7 @@ impl Extension {
                 settings: origin(self.boot.settings),
             }),
             Owed::Counters => Answer::Counters(Counters {
-                commands_refused: snapshot.counters.refused,
+                commands_refused: snapshot.counters.refused.total(),
                 links_lost: snapshot.counters.links_lost,
                 ..counters()
             }),
@@ -309,7 +371,42 @@ impl Extension {
                 let ShownFault { total, record, .. } = snapshot.shown_fault;
                 Answer::Fault(Latched { place, total, record: record.and_then(fault_record) })
             }
+            Owed::Refusals => {
+                let refused = &snapshot.counters.refused;
+                let not_now = self.refusals.not_now.wrapping_add(refused.count);
+                let Refusals { method, scale, .. } = self.refusals;
+                Answer::Refusals(Refusals {
+                    not_now,
+                    method: method.wrapping_add(refused.method),
+                    scale: scale.wrapping_add(refused.scale),
+                    ..self.refusals
+                })
+            }
             Owed::Outcome(outcome) => Answer::Outcome(outcome),
+        })
+    }
+
+    /// The machine state now.
+    pub(super) fn state(&self, now: Instant, snapshot: &Snapshot) -> Answer<'static> {
+        let has_fault = snapshot.faults.count() > 0;
+        let bit = |set: bool, bit: u8| if set { bit } else { 0 };
+        let mut channels = snapshot.channels.iter().zip(&snapshot.outputs.motors);
+        let mut currents = snapshot.motion.currents.into_iter();
+        Answer::State(MachineState {
+            time_ms: (now - self.booted).as_millis() as u16, // the low 16 bits
+            flags: bit(snapshot.link_loss, flag::LINK_LOST)
+                | bit(snapshot.obstacle, flag::OBSTACLE)
+                | bit(has_fault, flag::FAULT),
+            refused: snapshot.counters.refused.total() as u8, // wraps
+            battery: snapshot.sensors.battery,
+            channels: [(); CHANNELS].map(|()| {
+                let (Some((channel, output)), Some(current)) = (channels.next(), currents.next())
+                else {
+                    return ChannelState::default();
+                };
+                channel_state(channel, output, current)
+            }),
+            servos: snapshot.outputs.servos.map(|pulse| pulse.map_or(0, ServoPulse::raw)),
         })
     }
 
@@ -357,6 +454,42 @@ fn description(setting: Setting) -> wire::Description<'static> {
         Unit::Ticks => wire::Unit::Ticks,
     };
     wire::Description { number, next, value, range, default, unit, name, member }
+}
+
+fn channel_state(channel: &ChannelSnapshot, output: &MotorOutput, current: u16) -> ChannelState {
+    let (mode, set_point) = match channel.set_point {
+        _ if !output.enabled => (Mode::Off, 0),
+        SetPoint::Duty(duty) => (Mode::Pwm, duty.raw()),
+        SetPoint::Position(counts) => {
+            (Mode::Position, counts.saturating_round().saturating_to_num())
+        }
+        SetPoint::Velocity(speed) => (Mode::Velocity, speed.saturating_round().saturating_to_num()),
+    };
+    let (reason, detail) = match channel.reason {
+        None => (wire::Reason::None, 0),
+        Some(Reason::Fault(fault)) => (wire::Reason::Fault, fault.number()),
+        Some(Reason::Silence) => (wire::Reason::Silence, 0),
+        Some(Reason::Suspended) => (wire::Reason::Suspended, 0),
+        Some(Reason::Refused { why: AxisRefusal::OtherMethod, origin }) => {
+            (wire::Reason::OtherMethod, origin)
+        }
+        Some(Reason::Refused { origin, .. }) => (wire::Reason::BeyondScale, origin),
+        Some(Reason::Obstacle) => (wire::Reason::Obstacle, 0),
+        Some(Reason::SoftLimit) => (wire::Reason::SoftLimit, 0),
+        Some(Reason::OverCurrent) => (wire::Reason::OverCurrent, 0),
+        Some(Reason::Overload) => (wire::Reason::Overload, 0),
+        Some(Reason::Slew) => (wire::Reason::Slew, 0),
+    };
+    ChannelState {
+        position: channel.position,
+        velocity: channel.velocity.saturating_round().to_num(),
+        set_point,
+        duty: output.duty.raw(),
+        current,
+        mode,
+        reason,
+        detail,
+    }
 }
 
 fn reset_cause(cause: ResetCause) -> wire::ResetCause {

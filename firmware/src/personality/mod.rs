@@ -22,9 +22,10 @@ use crate::settings::Settings;
 pub use extension::Boot;
 use reception::TimedReceiver;
 
-/// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task
-/// that is silent for more than 90 counts as hung (`app`).
-pub const MAX_FRAME: usize = 84;
+/// Room for the longest frame that any session sends: the PMS5005's machine state. A task that is silent
+/// for more than 90 ms counts as hung (`app`): at 115200 baud these take 12 ms; an arm's 84 at its 9600
+/// take 87.5.
+pub const MAX_FRAME: usize = 133;
 
 /// What a host asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

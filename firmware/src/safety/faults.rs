@@ -111,6 +111,31 @@ impl Fault {
     }
 }
 
+impl core::fmt::Display for Fault {
+    /// Its name.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::OverCurrent => "over current",
+            Self::Stall => "stall",
+            Self::TrackingError => "tracking error",
+            Self::SensorLost => "sensor lost",
+            Self::Overload => "overload",
+            Self::CurrentSensor => "current sensor",
+            Self::MotorBatteryLow => "motor battery low",
+            Self::MotorBatteryHigh => "motor battery high",
+            Self::ServoBatteryLow => "servo battery low",
+            Self::MainBatteryLow => "main battery low",
+            Self::DriverTooHot => "driver too hot",
+            Self::AmbientTooHot => "ambient too hot",
+            Self::LinkLoss => "link loss",
+            Self::PeriodMissed => "period missed",
+            Self::ReceiveOverrun => "receive overrun",
+            Self::SettingsCorrupt => "settings corrupt",
+            Self::WatchdogReset => "watchdog reset",
+        })
+    }
+}
+
 /// A fault that has tripped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultRecord {

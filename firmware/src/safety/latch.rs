@@ -100,6 +100,17 @@ impl Latched {
         channels.saturating_add(self.board.count_ones())
     }
 
+    /// Which fault keeps this DC channel off: one of its own before one of the board's, the lowest number
+    /// first.
+    pub fn stopping(&self, channel: Channel) -> Option<Fault> {
+        let stops_it = |fault: &Fault| match stops(*fault) {
+            Stops::Nothing => false,
+            Stops::Channel => self.has(*fault, Some(channel)),
+            Stops::Motors | Stops::MotorsAndServos => self.has(*fault, None),
+        };
+        Fault::ALL.iter().copied().find(stops_it)
+    }
+
     /// Whether this DC channel must stay off.
     pub fn stops_motor(&self, channel: Channel) -> bool {
         self.channels[channel.index()] & Self::CHANNEL != 0 || self.board & Self::MOTORS != 0

@@ -387,6 +387,8 @@ settings! {
             "how the two bytes of Ki are read: 0 M + N/100, 1 M + N/256, 2 a word of hundredths";
         telemetry_period_ms: u16 = 50, 32, "telemetry period", Milliseconds, 1..=60000,
             "period of every telemetry stream";
+        state_period_ms: u16 = 20, 33, "machine state period", Milliseconds, 1..=60000,
+            "period of the machine state (DID 102); a line of 115200 baud carries 69 a second beside telemetry";
     }
 
     /// When a DC channel's faults trip: [`safety::faults`](crate::safety::faults). Times are

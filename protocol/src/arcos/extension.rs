@@ -15,6 +15,10 @@
 //! | 100 | DATA of DID 100: place of a latched fault (1 byte) | 100, or 101 |
 //! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot | 101 |
 //!
+//! | 103 | none: what was refused, by reason | 103 |
+//!
+//! The machine state (102) is not carried: an arm drives no DC channel, and ARMpac tells its joints.
+//!
 //! "None" is no argument, or a text of no bytes; an argument of another type is refused as one of a
 //! bad length. An answer's data are the DATA of the answer of that DID, and in an outcome (101) the
 //! first byte is the DID: 7 for what command 101 has asked.
@@ -31,20 +35,20 @@
 
 use super::packet::{Argument, OVERHEAD, Packet, encode_command};
 use crate::data::{Data, EncodeError};
-use crate::extension::{Answer, Outcome, Request, Verdict, did};
+use crate::extension::{Answer, Counters, Outcome, Request, Verdict, did};
 
 /// The command whose argument is DATA of DID 7.
 const CHANGE: u8 = did::OUTCOME;
 
 /// Bytes of the longest answer: the counters.
-pub const MAX_ANSWER: usize = OVERHEAD + Answer::MAX_DATA;
+pub const MAX_ANSWER: usize = OVERHEAD + size_of::<Counters>();
 
 /// What a command asks of the extension, or what it is told because it asks nothing; `None` if it
 /// is not the extension's.
 pub fn parse_request<'a>(packet: &Packet<'a>) -> Option<Result<Request<'a>, Outcome>> {
     let did = match packet.id {
         CHANGE => did::PARAMETERS,
-        did::SETTING..=did::FAULT => packet.id,
+        did::SETTING..=did::FAULT | did::REFUSALS => packet.id,
         _ => return None,
     };
     let data = match Argument::parse(packet.data) {

@@ -2,7 +2,8 @@
 
 use super::did;
 use super::fault::FaultRecord;
-use crate::data::{Data, EncodeError, Field, append, codes, record};
+use super::state::MachineState;
+use crate::data::{Data, EncodeError, Field, append, codes, counters, record};
 
 codes! {
     /// What a setting's value counts (byte 21 of DID 96).
@@ -182,12 +183,11 @@ record! {
     }
 }
 
-record! {
+counters! {
     /// Everything that a board counts (DID 99). The counters wrap.
     ///
     /// A session counts in these, and so they have one name everywhere. What is not a session's is
     /// filled in when they are told.
-    #[derive(Default)]
     pub struct Counters {
         /// Intact frames, whoever they were for.
         pub frames_ok: u32,
@@ -225,6 +225,32 @@ record! {
         pub commands_refused: u32,
         /// Times the host fell silent.
         pub links_lost: u32,
+    }
+}
+
+counters! {
+    /// What was refused, by reason (DID 103). The counters wrap; together they are
+    /// [`Counters::refused`] and [`Counters::commands_refused`].
+    pub struct Refusals {
+        /// DATA that fits no form of its DID; of an arm's command, its argument.
+        pub length: u32,
+        /// A channel that does not exist, or is listed twice.
+        pub channel: u32,
+        /// A value out of its field's range.
+        pub value: u32,
+        /// A sub-command of DID 7 that is not known.
+        pub sub_command: u32,
+        /// A setting that does not exist, its value out of range, or one that contradicts another.
+        pub setting: u32,
+        /// What the state of things did not allow: something on that must be off, something else under
+        /// way, an arm that takes no orders.
+        pub not_now: u32,
+        /// What this board cannot do, or its flash failed to.
+        pub not_available: u32,
+        /// A motion command of another method than its channel was set to.
+        pub method: u32,
+        /// A target beyond the sensor's scale.
+        pub scale: u32,
     }
 }
 
@@ -270,11 +296,15 @@ pub enum Answer<'a> {
     Fault(Latched),
     /// DID 101.
     Outcome(Outcome),
+    /// DID 102.
+    State(MachineState),
+    /// DID 103.
+    Refusals(Refusals),
 }
 
 impl<'a> Answer<'a> {
-    /// Bytes of the longest DATA: the counters.
-    pub const MAX_DATA: usize = size_of::<Counters>();
+    /// Bytes of the longest DATA: the machine state.
+    pub const MAX_DATA: usize = 124;
 
     /// Its DID.
     pub fn did(&self) -> u8 {
@@ -285,6 +315,8 @@ impl<'a> Answer<'a> {
             Self::Counters(_) => did::COUNTERS,
             Self::Fault(_) => did::FAULT,
             Self::Outcome(_) => did::OUTCOME,
+            Self::State(_) => did::STATE,
+            Self::Refusals(_) => did::REFUSALS,
         }
     }
 
@@ -326,6 +358,8 @@ impl<'a> Answer<'a> {
                 latched.record.map_or(Ok(()), |record| record.put(data))
             }
             Self::Outcome(outcome) => outcome.put(data),
+            Self::State(state) => state.put(data),
+            Self::Refusals(refusals) => refusals.put(data),
         }
     }
 
@@ -364,6 +398,8 @@ impl<'a> Answer<'a> {
                 Self::Fault(Latched { place, total, record })
             }
             did::OUTCOME => Self::Outcome(Field::take(fields)?),
+            did::STATE => Self::State(Field::take(fields)?),
+            did::REFUSALS => Self::Refusals(Field::take(fields)?),
             _ => return None,
         };
         Some(answer) // what is behind it is of a later version
@@ -383,6 +419,11 @@ impl Outcome {
     /// What came of the request with this DID and DATA.
     pub fn of(did: u8, data: &[u8], verdict: Verdict) -> Self {
         Self { did, first: data.first().copied().unwrap_or(0), verdict, setting: 0 }
+    }
+
+    /// What came of setting an encoder's count.
+    pub fn of_count(verdict: Verdict) -> Self {
+        Self::of(did::PARAMETERS, &[super::request::SET_COUNT], verdict)
     }
 
     /// What came of a sub-command of DID 7.

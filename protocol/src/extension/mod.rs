@@ -5,7 +5,7 @@
 //! | carried by | as | written by |
 //! |---|---|---|
 //! | the [PMS5005](crate::pms5005) | DIDs 96 to 111, and DID 7's sub-commands from 0x80; answers with RID 0, RES 255 | [`Command::Extension`](crate::pms5005::Command::Extension), [`encode_answer`](crate::pms5005::encode_answer) |
-//! | [ARCOS](crate::arcos::extension) | commands and packets 96 to 101 | [`encode_request`](crate::arcos::extension::encode_request), [`encode_answer`](crate::arcos::extension::encode_answer) |
+//! | [ARCOS](crate::arcos::extension) | commands and packets 96 to 101 and 103 | [`encode_request`](crate::arcos::extension::encode_request), [`encode_answer`](crate::arcos::extension::encode_answer) |
 //!
 //! All of it lies off the manuals' maps: a host that never sends one of them sees an original.
 //! Frames, checksums and acknowledgements are the carrier's. Beyond an acknowledgement a request gets
@@ -35,11 +35,15 @@
 //! | 7 | Factory reset: the defaults, in force and saved; only with all off | `0x83` | 101, when it is done |
 //! | 7 | Reboot; only with all off | `0x84` | 101, then the board restarts |
 //! | 7 | Reboot into the ROM's DFU loader; only with all off | `0x85` | 101, then the board restarts |
+//! | 7 | Set the count of an encoder; only with its channel off | `0x86` + channel (1 byte, from 0) + count (4 bytes, signed) | 101 |
 //! | 96 | Read a setting | number (2 bytes) | 96, or 101 |
 //! | 97 | Who are you? | none | 97 |
 //! | 98 | Health | as DID 123: none is continuously, N is N times, 0 is stop | 98: the first at once, but never less than the period of telemetry (setting 32) behind the one before or the start |
 //! | 99 | Counters | none | 99 |
 //! | 100 | The record of a latched fault; one at a time | its place in the list (1 byte), from 0 | 100, or 101 |
+//!
+//! | 102 | The machine state; PMS5005 only | as DID 123 | 102: the first at once, then every period of setting 33 |
+//! | 103 | What was refused, by reason | none | 103 |
 //!
 //! DID 7 is an extension's when DATA begins with 0x80 or above. Such a frame holds settings, or one
 //! of the other sub-commands alone; the manual's do not mix with them.
@@ -55,7 +59,7 @@
 //! | | 21 | Unit ([`Unit`]) |
 //! | | 22 to the end | Name, ASCII, 24 bytes at most; of several of one name (channels, joints) a space and a digit behind it tell which |
 //! | 97 | 1, 2, 3 | Version of the firmware: major, minor, patch |
-//! | | 4 | Version of this extension: 1 |
+//! | | 4 | Version of this extension: 2 |
 //! | | 5 | Why the board has started ([`ResetCause`]) |
 //! | | 6 | Where its settings come from ([`Origin`]) |
 //! | 98 | 1 to 4 | Uptime in ms; wraps after 49 days |
@@ -74,6 +78,32 @@
 //! | | 2 | First byte of its DATA, 0 if it had none |
 //! | | 3 | What came of it ([`Verdict`]) |
 //! | | 4 to 5 | Number of the setting that it is about, or 0 |
+//! | 102 | 1 to 2 | The low 16 bits of the uptime in ms |
+//! | | 3 | Bits: 0 the host is silent, 1 an obstacle, 2 a fault is latched ([`flag`]) |
+//! | | 4 | Commands refused; wraps |
+//! | | 5 to 10 | Main board, motor and servo batteries (A/D) |
+//! | | 11 to 112 | Channels 1 to 6, 17 bytes each: |
+//! | | +0 to 3 | position (signed), counts of its sensor since boot, turn by turn |
+//! | | +4 to 7 | velocity (signed), counts per second |
+//! | | +8 to 9 | set-point (signed), by the mode |
+//! | | +10 to 11 | duty (signed), 1/16384 |
+//! | | +12 to 13 | motor current (A/D) |
+//! | | +14 | [`Mode`] |
+//! | | +15 | [`Reason`] |
+//! | | +16 | more of the reason: the number of the fault, or the DID of the command; 0 |
+//! | | 113 to 124 | Servos 1 to 6: pulse width in 1/2250 ms, 0 is no pulse |
+//! | 103 | 1 to 36 | 9 counters of 4 bytes, in the order of [`Refusals`]; they wrap |
+//!
+//! A frame of DID 102 takes 133 bytes. Beside the default telemetry (3 frames every 50 ms, 2,340 bytes
+//! a second) and without it a line carries of them in a second:
+//!
+//! | baud | beside telemetry | alone |
+//! |---|---|---|
+//! | 9,600 | none | 7 |
+//! | 19,200 | none | 14 |
+//! | 38,400 | 11 | 28 |
+//! | 57,600 | 25 | 43 |
+//! | 115,200 | 69 | 86 |
 //!
 //! Who only reads keeps nothing running: DIDs 96 to 111 are no signs of life ([`is_read`]).
 //!
@@ -82,16 +112,18 @@
 mod answer;
 mod fault;
 mod request;
+mod state;
 
 pub use answer::{
-    Answer, Counters, Description, Health, Identity, Latched, Origin, Outcome, ResetCause, Unit,
-    Verdict,
+    Answer, Counters, Description, Health, Identity, Latched, Origin, Outcome, Refusals,
+    ResetCause, Unit, Verdict,
 };
 pub use fault::{Fault, FaultRecord};
 pub use request::{Action, Assignments, Request};
+pub use state::{ChannelState, MachineState, Mode, Reason, flag};
 
 /// The version of this extension that [`Identity`] tells.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// Data IDs (Tables E.1 and E.2); the extension owns 96 to 111.
 pub mod did {
@@ -109,6 +141,10 @@ pub mod did {
     pub const FAULT: u8 = 100;
     /// What came of a request.
     pub const OUTCOME: u8 = 101;
+    /// The machine state.
+    pub const STATE: u8 = 102;
+    /// What was refused, by reason.
+    pub const REFUSALS: u8 = 103;
     /// The last DID of the extension.
     pub const LAST: u8 = 111;
 }

@@ -7,6 +7,8 @@ use crate::repeat::Repeat;
 
 /// The sub-command of DID 7 that sets a setting; all from here on are the extension's.
 pub(super) const SET: u8 = 0x80;
+/// The sub-command that sets the count of an encoder.
+pub(super) const SET_COUNT: u8 = 0x86;
 
 /// A host's request (Table E.1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +28,17 @@ pub enum Request<'a> {
     Counters,
     /// Read the latched fault at this place (DID 100).
     Fault(u8),
+    /// Read what was refused, by reason (DID 103).
+    Refusals,
+    /// Tell the machine state, so often (DID 102).
+    State(Repeat),
+    /// Set the count of an encoder (DID 7, sub-command 86).
+    SetCount {
+        /// Whose, from 0.
+        channel: u8,
+        /// What it stands at from now on.
+        count: i32,
+    },
 }
 
 codes! {
@@ -52,6 +65,10 @@ impl<'a> Request<'a> {
         }
         Some(match (did, data) {
             (did::PARAMETERS, [SET, ..]) => Assignments::parse(data).map(Self::Set),
+            (did::PARAMETERS, &[SET_COUNT, channel, c0, c1, c2, c3]) => {
+                Ok(Self::SetCount { channel, count: i32::from_le_bytes([c0, c1, c2, c3]) })
+            }
+            (did::PARAMETERS, [SET_COUNT, ..]) => Err(Verdict::BadLength),
             (did::PARAMETERS, [number, rest @ ..]) => match Action::from_number(*number) {
                 Some(action) if rest.is_empty() => Ok(Self::Do(action)),
                 Some(_) => Err(Verdict::BadLength),
@@ -62,7 +79,9 @@ impl<'a> Request<'a> {
             (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first()))),
             (did::COUNTERS, []) => Ok(Self::Counters),
             (did::FAULT, &[place]) => Ok(Self::Fault(place)),
-            (did::SETTING..=did::FAULT, _) => Err(Verdict::BadLength),
+            (did::STATE, [] | [_]) => Ok(Self::State(Repeat::parse(data.first()))),
+            (did::REFUSALS, []) => Ok(Self::Refusals),
+            (did::SETTING..=did::FAULT | did::STATE | did::REFUSALS, _) => Err(Verdict::BadLength),
             _ => Err(Verdict::Unknown),
         })
     }
@@ -70,12 +89,14 @@ impl<'a> Request<'a> {
     /// The DID that it has on the wire.
     pub(crate) fn did(&self) -> u8 {
         match self {
-            Self::Set(_) | Self::Do(_) => did::PARAMETERS,
+            Self::Set(_) | Self::Do(_) | Self::SetCount { .. } => did::PARAMETERS,
             Self::Setting(_) => did::SETTING,
             Self::Identity => did::IDENTITY,
             Self::Health(_) => did::HEALTH,
             Self::Counters => did::COUNTERS,
             Self::Fault(_) => did::FAULT,
+            Self::State(_) => did::STATE,
+            Self::Refusals => did::REFUSALS,
         }
     }
 
@@ -85,9 +106,13 @@ impl<'a> Request<'a> {
             Self::Set(assignments) => append(data, assignments.as_bytes()),
             Self::Do(action) => append(data, &[action.number()]),
             Self::Setting(number) => append(data, &number.to_le_bytes()),
-            Self::Identity | Self::Counters => Ok(()),
-            Self::Health(repeat) => repeat.emit(data),
+            Self::Identity | Self::Counters | Self::Refusals => Ok(()),
+            Self::Health(repeat) | Self::State(repeat) => repeat.emit(data),
             Self::Fault(place) => append(data, &[*place]),
+            Self::SetCount { channel, count } => {
+                let [c0, c1, c2, c3] = count.to_le_bytes();
+                append(data, &[SET_COUNT, *channel, c0, c1, c2, c3])
+            }
         }
     }
 }

@@ -79,7 +79,7 @@ impl Move {
     }
 
     /// Its DID.
-    pub(super) fn did(&self) -> u8 {
+    pub fn did(&self) -> u8 {
         Self::did_of(self.quantity, self.addressing)
     }
 

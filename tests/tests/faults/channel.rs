@@ -66,10 +66,10 @@ fn an_overload_is_limited_to_the_continuous_current_and_is_no_fault() {
     let mut bench = with_settings(&[(52, 0)]);
     change(&bench, |all| all.jam[0] = Some(true));
     bench.drive(Quantity::Pwm, 0, 32_767, 0);
-    let limiting = |bench: &Bench| bench.board.snapshot().limiting[0];
+    let limiting = |bench: &Bench| bench.board.snapshot().channels[0].reason;
     let current = |bench: &Bench| bench.board.snapshot().motion.currents[0];
     // From cold: 10 s * ln(1 / (1 - (2.5 / 2.9)^2)).
-    let after = bench.until(Alive, 20_000, |bench| limiting(bench) == Some(Limiting::Overload));
+    let after = bench.until(Alive, 20_000, |bench| limiting(bench) == Some(Reason::Overload));
     assert!((13_000..14_500).contains(&after), "{after}");
     bench.run_alive_ms(4000);
     let duty = bench.bridge(0).0;
@@ -78,7 +78,7 @@ fn an_overload_is_limited_to_the_continuous_current_and_is_no_fault() {
         assert!((1740..=1825).contains(&current(bench)), "{}", current(bench));
         assert_eq!(bench.bridge(0), (duty, true));
     });
-    assert_eq!((limiting(&bench), latched(&bench)), (Some(Limiting::Overload), vec![]));
+    assert_eq!((limiting(&bench), latched(&bench)), (Some(Reason::Overload), vec![]));
     // What is off cools, and no faster: in 2 s a fifth of it, in a minute all. To be as hot again takes
     // 10 s * ln((2.9^2 - 0.8 * 2.5^2) / (2.9^2 - 2.5^2)).
     for (off, soonest, latest) in [(2000, 4000, 5200), (60_000, 13_000, 14_500)] {
@@ -87,7 +87,7 @@ fn an_overload_is_limited_to_the_continuous_current_and_is_no_fault() {
         bench.drive(Quantity::Pwm, 0, 32_767, 0);
         bench.run_alive_ms(10);
         let again = bench.until(Alive, 20_000, |bench| {
-            limiting(bench) == Some(Limiting::Overload) && current(bench) < 2080
+            limiting(bench) == Some(Reason::Overload) && current(bench) < 2080
         });
         assert!((soonest..latest).contains(&again), "{again} after {off} off");
     }
@@ -143,7 +143,7 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     // Over-current is limited whatever the input is worth.
     change(&bench, |all| all.currents[0] = Some(4000));
     bench.run_alive_ms(200);
-    assert_eq!(bench.board.snapshot().limiting[0], Some(Limiting::OverCurrent));
+    assert_eq!(bench.board.snapshot().channels[0].reason, Some(Reason::OverCurrent));
     change(&bench, |all| all.currents[0] = None);
     bench.run_alive_ms(2000);
     assert!(is_none(&bench), "nobody knows while it is driven");

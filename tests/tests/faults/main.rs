@@ -11,8 +11,8 @@ mod channel;
 mod settings;
 
 use embassy_time::{Duration, Instant};
+use firmware::controller::Reason;
 use firmware::ports::ResetCause;
-use firmware::safety::channel::Limiting;
 use firmware::settings::{Settings, SoftLimits};
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::clock;

@@ -11,8 +11,8 @@ use firmware::units::ServoPulse;
 use hal_mock::flash::Flash;
 use protocol::arcos::{ArmInfo, extension};
 use protocol::extension::{
-    Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Request, ResetCause,
-    Verdict,
+    Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Refusals, Request,
+    ResetCause, Verdict,
 };
 use protocol::pms5005::Repeat;
 use tests::extension::assign;
@@ -106,7 +106,7 @@ fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jum
 
     host.received();
     host.open();
-    assert_eq!(host.ask_raw(97, &[]).1[3..], [1, ResetCause::Software as u8, Origin::Stored as u8]);
+    assert_eq!(host.ask_raw(97, &[]).1[3..], [2, ResetCause::Software as u8, Origin::Stored as u8]);
     host.received();
     host.send(ArmCommand::Info);
     host.run_ms(20);
@@ -140,7 +140,8 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
         (101, &assign(&[(HOME, 100), (MIN, 256)]), Verdict::OutOfRange, MIN),
         (101, &assign(&[(HOME, 100), (MIN, 101)]), Verdict::Contradiction, HOME),
         (101, cut_short, Verdict::BadLength, 0),
-        (101, &[0x86], Verdict::Unknown, 0),
+        (101, &[0x86], Verdict::BadLength, 0),
+        (101, &[0x87], Verdict::Unknown, 0),
         // The manual's parameters are no arm's.
         (101, &[6, 0, 1], Verdict::Unknown, 0),
         (101, &[], Verdict::Unknown, 0),
@@ -149,6 +150,7 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
         (97, &[0], Verdict::BadLength, 0),
         (98, &[1, 1], Verdict::BadLength, 0),
         (100, &[], Verdict::BadLength, 0),
+        (103, &[1], Verdict::BadLength, 0),
     ] {
         let before = host.link().link.refused;
         assert_eq!(host.outcome(number, text), (verdict, setting), "{number} {text:?}");
@@ -168,6 +170,17 @@ fn bad_requests_change_nothing_are_counted_and_told_why() {
     }
     assert_eq!((host.value(HOME), host.value(MIN)), (127, 0));
     assert_eq!(host.link().link.unknown, 0);
+    // By reason; an order to an arm without power is none of the packets above.
+    host.send(ArmCommand::Home(Joints::All));
+    host.run_ms(20);
+    let (told, data) = host.ask_raw(103, &[]);
+    let Some(Answer::Refusals(refusals)) = Answer::parse(told, &data) else { panic!() };
+    let Refusals { length, sub_command, setting, not_now, .. } = refusals;
+    assert_eq!((length, sub_command, setting, not_now), (7 + 24, 3, 4, 1));
+    // The machine state is not an arm's.
+    host.send_bytes(Packet { id: 102, data: &[] }.encode(&mut [0; 20]).unwrap());
+    host.run_ms(40);
+    assert_eq!(host.link().link.unknown, 1);
 }
 
 #[test]

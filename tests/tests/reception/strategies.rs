@@ -101,7 +101,36 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
     let counters = any::<[u32; 4]>().prop_map(|[frames_ok, refused, acks_sent, links_lost]| {
         Counters { frames_ok, refused, acks_sent, links_lost, ..Counters::default() }
     });
+    let refusals = any::<[u32; 2]>().prop_map(|[length, scale]| Refusals {
+        length,
+        scale,
+        ..Refusals::default()
+    });
+    let channel = (any::<[i32; 2]>(), any::<[i16; 2]>(), any::<u16>(), codes(3), codes(10))
+        .prop_map(|([position, velocity], [set_point, duty], current, mode, reason)| {
+            ChannelState {
+                position,
+                velocity,
+                set_point,
+                duty,
+                current,
+                mode: Mode::from_number(mode).unwrap(),
+                reason: Reason::from_number(reason).unwrap(),
+                detail: reason,
+            }
+        });
+    let state = (any::<[u16; 4]>(), any::<u8>(), prop::array::uniform6(channel), any::<[u16; 6]>())
+        .prop_map(|([time_ms, battery @ ..], flags, channels, servos)| MachineState {
+            time_ms,
+            flags,
+            refused: flags,
+            battery,
+            channels,
+            servos,
+        });
     prop_oneof![
+        state.prop_map(Answer::State),
+        refusals.prop_map(Answer::Refusals),
         setting.prop_map(Answer::Setting),
         identity.prop_map(Answer::Identity),
         health.prop_map(Answer::Health),

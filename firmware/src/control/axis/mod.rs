@@ -82,8 +82,43 @@ pub enum Deviation {
 pub enum AxisRefusal {
     /// The target lies beyond the sensor's scale.
     BeyondScale,
-    /// The channel was set to another method (sub-command 0E).
+    /// The channel was set to another method.
     OtherMethod,
+    /// The channel has no encoder.
+    NoEncoder,
+    /// The channel is not off.
+    NotOff,
+}
+
+/// Why a channel stands still that was asked to move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Halt {
+    /// It is suspended.
+    Suspension,
+    /// The host fell silent, or its last motion command grew too old.
+    Silence,
+}
+
+/// What keeps a channel's drive from what its loop, or a PWM, asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeldBack {
+    /// The limits from outside: an obstacle, a current.
+    Outside,
+    /// A soft limit.
+    SoftLimit,
+    /// Its own slew time or highest duty.
+    OwnSettings,
+}
+
+impl core::fmt::Display for AxisRefusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::BeyondScale => "the target lies beyond the sensor's scale",
+            Self::OtherMethod => "the channel was set to another method",
+            Self::NoEncoder => "the channel has no encoder",
+            Self::NotOff => "the channel is not off",
+        })
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,8 +146,8 @@ pub struct Axis {
     state: State,
     /// The last that was asked of it is a stop.
     is_stop: bool,
-    /// Off, or coming to rest, because the host fell silent.
-    link_lost: bool,
+    /// What has stopped it, or broken its move off, since its last motion command.
+    halt: Option<Halt>,
     /// A timed move goes on to the end of its time although the host is silent.
     is_orphaned: bool,
     method: Method,
@@ -148,6 +183,8 @@ pub struct Axis {
     last: Reading,
     /// The shaft is held at the soft limit that it is driven against.
     is_at_soft_limit: bool,
+    /// What kept the drive from what was asked for in the last period.
+    held_back: Option<HeldBack>,
     /// Logical drive of the last period, and what it was limited to.
     drive: Drive,
     limits: Limits,
@@ -162,7 +199,7 @@ impl Axis {
         Self {
             state: State::Off,
             is_stop: true,
-            link_lost: false,
+            halt: None,
             is_orphaned: false,
             method: Method::Pwm,
             chosen_method: None,
@@ -187,6 +224,7 @@ impl Axis {
             last: Reading { position: Counts::ZERO, velocity: CountsPerSecond::ZERO },
             drive: Drive::ZERO,
             is_at_soft_limit: false,
+            held_back: None,
             limits: Limits::FULL,
             old_drive: Drive::ZERO,
             handover: 0,
@@ -235,9 +273,19 @@ impl Axis {
         }
     }
 
-    /// Whether the channel was stopped, or is being stopped, because the host fell silent.
-    pub fn is_stopped_by_link_loss(&self) -> bool {
-        self.link_lost
+    /// What has stopped the channel, or broken its move off, since its last motion command.
+    pub fn halt(&self) -> Option<Halt> {
+        self.halt
+    }
+
+    /// Whether the channel is off, with nowhere to go.
+    pub fn is_off(&self) -> bool {
+        self.state == State::Off
+    }
+
+    /// What kept its drive from what was asked for in the last period.
+    pub fn held_back(&self) -> Option<HeldBack> {
+        self.held_back
     }
 
     /// Whether a motion command would be taken, if this sensor measures it. `target` is as on the
@@ -260,7 +308,7 @@ impl Axis {
     pub fn go(&mut self, method: Method, target: i16, periods: u16, now: Reading) {
         self.is_stop = is_stop(method, target);
         self.age = 0;
-        self.link_lost = false;
+        self.halt = None;
         self.is_orphaned = false;
         if self.state != State::Running || self.method != method {
             self.engage(method, now);
@@ -283,18 +331,28 @@ impl Axis {
         match self.state {
             State::Running if !self.is_stop => self.switch_off(State::Paused),
             State::Running | State::Stopping(_) => self.stopped(),
-            State::Off | State::Paused => {}
+            State::Off | State::Paused => return,
+        }
+        self.halt = self.halt.or(Some(Halt::Suspension));
+    }
+
+    /// Forgets a move that is paused: a resume goes nowhere then.
+    pub fn forget_paused(&mut self) {
+        if self.state == State::Paused {
+            self.stopped();
         }
     }
 
     /// A fault: off, with nowhere to go.
     pub fn trip(&mut self) {
         self.stopped();
+        self.halt = None;
     }
 
     /// Resumes a channel that is paused: it goes on with its move, or holds where it is if it has
     /// none.
     pub fn resume(&mut self, now: Reading) {
+        self.halt = self.halt.filter(|&halt| halt != Halt::Suspension);
         if self.state == State::Paused {
             let (goal, left) = (self.goal, self.course.left());
             self.engage(self.chosen_method.unwrap_or(self.method), now);
@@ -313,13 +371,16 @@ impl Axis {
             (State::Running, Method::Pwm | Method::Velocity) => {
                 self.course = Course::Ramp(Ramp::new(self.set_point.saturating_neg(), STOP_RAMP));
                 self.state = State::Stopping(STOP_OFF);
-                self.link_lost = true;
+                self.halt = Some(Halt::Silence);
             }
             (State::Running, Method::Position) if self.is_timed && self.course.left() > 0 => {
                 self.is_orphaned = true;
             }
             (State::Running, Method::Position) => self.hold(now),
-            (State::Paused, _) => self.stopped(),
+            (State::Paused, _) => {
+                self.stopped();
+                self.halt = Some(Halt::Silence);
+            }
             (State::Off | State::Stopping(_), _) => {}
         }
         self.is_stop = true;
@@ -333,10 +394,14 @@ impl Axis {
         }
     }
 
-    /// A position loop breaks off its move and holds within the band around the shaft.
+    /// A position loop breaks off its move, if the host was silent under way, and holds within the band
+    /// around the shaft.
     fn hold(&mut self, now: Reading) {
         let ahead = self.track.difference(Counts::from_bits(self.set_point), now.position);
         let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
+        if self.course.left() > 0 || self.rest != Counts::ZERO || held != ahead {
+            self.halt = Some(Halt::Silence);
+        }
         self.set_point = self.track.advance(now.position, held).to_bits();
         self.course = Course::NONE;
         self.rest = Counts::ZERO;
@@ -417,7 +482,7 @@ impl Axis {
     /// One period: what the bridge is to do. `limits` bound the logical drive.
     pub fn step(&mut self, now: Reading, limits: impl FnOnce() -> Limits) -> MotorOutput {
         if self.state == State::Off {
-            (self.last, self.drive) = (now, Drive::ZERO);
+            (self.last, self.drive, self.held_back) = (now, Drive::ZERO, None);
             return MotorOutput::default();
         }
         self.step_on(now, &limits())

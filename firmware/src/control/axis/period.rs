@@ -13,7 +13,7 @@ use crate::control::{saturate, track};
 use crate::ports::MotorOutput;
 use crate::units::{Counts, CountsPerSecond, Drive, Duty};
 
-use super::{Axis, HANDOVER_SHIFT, Reading, State, to_duty};
+use super::{Axis, Deviation, HANDOVER_SHIFT, HeldBack, Reading, State, to_duty};
 
 impl Axis {
     /// One period of a channel that runs, or may again.
@@ -35,10 +35,11 @@ impl Axis {
         }
         let last = core::mem::replace(&mut self.last, now);
         if !matches!(self.state, State::Running | State::Stopping(_)) {
-            self.drive = Drive::ZERO;
+            (self.drive, self.held_back) = (Drive::ZERO, None);
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }
         let held_back = self.is_held_back();
+        let outside = limits;
         self.limits = self.within_soft_limits(now, limits);
         let (soft, drive) = (&self.limits, self.drive);
         self.is_at_soft_limit = (soft.high < limits.high && drive >= soft.high)
@@ -77,7 +78,38 @@ impl Axis {
         let back = self.pushed_back(now);
         self.is_at_soft_limit |= back.is_some();
         self.drive = back.map_or(own, |back| limits.nearest(back));
+        self.held_back = self.what_holds_back(now, outside, limits);
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
+    }
+
+    /// Which limits the drive stands at, if it is asked for more: those from `outside`, with the soft
+    /// limits, or those that its settings have `narrowed`.
+    fn what_holds_back(
+        &self,
+        now: Reading,
+        outside: &Limits,
+        narrowed: &Limits,
+    ) -> Option<HeldBack> {
+        let asked = match self.deviation(now) {
+            None => self
+                .to_logical(Drive::from_bits(self.set_point))
+                .saturating_sub(self.drive)
+                .to_bits(),
+            Some(Deviation::Position(way)) => way.to_bits(),
+            Some(Deviation::Velocity(difference)) => difference.to_bits(),
+        };
+        let is_at = |limits: &Limits| match asked {
+            0 => false,
+            1.. => limits.high < Limits::FULL.high && self.drive >= limits.high,
+            _ => limits.low > Limits::FULL.low && self.drive <= limits.low,
+        };
+        if self.is_at_soft_limit {
+            Some(HeldBack::SoftLimit)
+        } else if is_at(outside) {
+            Some(HeldBack::Outside)
+        } else {
+            is_at(narrowed).then_some(HeldBack::OwnSettings)
+        }
     }
 
     /// The limits from outside, and what the soft limits forbid.

@@ -182,8 +182,11 @@ impl Session for PioneerArm {
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
         self.answers.watch(now);
-        let told = self.answers.extension.look(now, snapshot);
+        let (told, asked) = self.answers.extension.look(now, snapshot);
         self.answers.settle(told);
+        if asked.is_some() {
+            return asked;
+        }
         let seen = Seen {
             present: snapshot.sensors.gpio_in & ARM_LINE == 0,
             stopped: snapshot.faults.stops_servos(),
@@ -458,6 +461,16 @@ impl Answers {
             }
             Err(refusal) => {
                 warning!("packet not carried out: {}", refusal);
+                let refusals = &mut self.extension.refusals;
+                match refusal {
+                    Refusal::MissingArgument(_) | Refusal::WrongArgument(_) => {
+                        count(&mut refusals.length, 1);
+                    }
+                    Refusal::NoSuchJoint(_) => count(&mut refusals.channel, 1),
+                    Refusal::Value { .. } | Refusal::NotForTheArm(_) => {
+                        count(&mut refusals.value, 1);
+                    }
+                }
                 return count(&mut self.counters.link.refused, 1);
             }
         };
@@ -475,6 +488,7 @@ impl Answers {
             Err(reason) => {
                 warning!("command ignored: {}", reason);
                 count(&mut self.counters.ignored, 1);
+                count(&mut self.extension.refusals.not_now, 1);
             }
         }
     }

@@ -80,13 +80,15 @@ struct Moment {
 enum Topic {
     Telemetry(Reports),
     Health,
+    State,
 }
 
-const TOPICS: [Topic; 4] = [
+const TOPICS: [Topic; 5] = [
     Topic::Telemetry(Reports::Motors),
     Topic::Telemetry(Reports::CustomIo),
     Topic::Telemetry(Reports::Sensors),
     Topic::Health,
+    Topic::State,
 ];
 
 const _: () = assert!(Report::MAX_FRAME <= MAX_FRAME && wire::MAX_ANSWER <= MAX_FRAME);
@@ -99,7 +101,7 @@ impl Pms5005 {
         let due = now.saturating_add(telemetry_period(&settings));
         let streams = TOPICS.map(|topic| match topic {
             Topic::Telemetry(_) => Stream { repeat: Repeat::Continuous, due },
-            Topic::Health => Stream { repeat: Repeat::Stop, due },
+            Topic::Health | Topic::State => Stream { repeat: Repeat::Stop, due },
         });
         Self {
             receiver: TimedReceiver::new(),
@@ -139,9 +141,9 @@ impl Session for Pms5005 {
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
-        let answer = self.answers.extension.look(now, snapshot);
+        let (answer, request) = self.answers.extension.look(now, snapshot);
         self.answers.settle(answer);
-        None
+        request
     }
 
     fn wakes_at(&self) -> Option<Instant> {
@@ -163,6 +165,7 @@ impl Session for Pms5005 {
             Due::Stream(Topic::Telemetry(reports), due) => {
                 report(reports, self.answers.moment(due, now, snapshot)).encode(out)
             }
+            Due::Stream(Topic::State, _) => encode_answer(&extension.state(now, &snapshot()), out),
             Due::Stream(Topic::Health, _) => {
                 encode_answer(&extension.health(now, &snapshot()), out)
             }
@@ -259,13 +262,12 @@ impl Answers {
     /// What a stream has to tell now, if any has, the streams taking turns, and since when; it moves on
     /// to its next period, past those that it has missed.
     fn next_stream(&mut self, now: Instant) -> Option<(Topic, Instant)> {
-        // At most 65.5 s.
-        let period = telemetry_period(self.extension.settings()).as_ticks() as u32;
         let is_due = |stream: &Stream| stream.due_at().is_some_and(|at| at <= now);
         let turn = (0..TOPICS.len())
             .map(|k| (self.turn + k) % TOPICS.len())
             .find(|&turn| is_due(&self.streams[turn]))?;
         self.turn = (turn + 1) % TOPICS.len();
+        let period = TOPICS[turn].period(self.extension.settings()).as_ticks() as u32; // 60 s at most
         let stream = &mut self.streams[turn];
         let due = stream.due;
         // 32 bits are over an hour; a line that was blocked for longer takes up a new rhythm.
@@ -303,10 +305,24 @@ impl Answers {
             }
             Err(refusal) => {
                 count(&mut self.counters.refused, 1);
+                self.count_refusal(refusal);
                 warning!("frame not carried out: {}", refusal);
                 None
             }
         }
+    }
+
+    /// Counts a frame that was refused, by reason.
+    fn count_refusal(&mut self, refusal: Refusal) {
+        let refusals = &mut self.extension.refusals;
+        let counter = match refusal {
+            Refusal::Extension(verdict) => return self.extension.refuse(verdict),
+            Refusal::Length { .. } => &mut refusals.length,
+            Refusal::NoSuchChannel(_) | Refusal::RepeatedChannel(_) => &mut refusals.channel,
+            Refusal::Value { .. } => &mut refusals.value,
+            Refusal::UnknownDid(_) | Refusal::UnknownSubCommand(_) => &mut refusals.sub_command,
+        };
+        count(counter, 1);
     }
 
     /// Queues an acknowledgement, unless the frame may be one itself and another such frame was
@@ -336,6 +352,7 @@ impl Answers {
                 let settings = with_parameters(self.extension.settings(), parameters);
                 if settings.check().is_err() {
                     count(&mut self.counters.refused, 1);
+                    self.extension.refuse(Verdict::Contradiction);
                     warning!("frame not carried out: a channel has no such sensor");
                     return None;
                 }
@@ -351,13 +368,17 @@ impl Answers {
             wire::Command::Telemetry { reports, repeat } => {
                 let asked = |topic| match topic {
                     Topic::Telemetry(of) => reports == of || reports == Reports::All,
-                    Topic::Health => false,
+                    Topic::Health | Topic::State => false,
                 };
                 self.stream(asked, repeat, now);
                 None
             }
             wire::Command::Extension(ExtensionRequest::Health(repeat)) => {
                 self.stream(|topic| topic == Topic::Health, repeat, now);
+                None
+            }
+            wire::Command::Extension(ExtensionRequest::State(repeat)) => {
+                self.stream(|topic| topic == Topic::State, repeat, now);
                 None
             }
             wire::Command::Extension(request) => {
@@ -384,13 +405,25 @@ impl Answers {
 
     /// Brings the streams forward to a period that may have become shorter.
     fn hasten(&mut self, now: Instant) {
-        let latest = now.saturating_add(telemetry_period(self.extension.settings()));
-        self.streams.iter_mut().for_each(|stream| stream.due = stream.due.min(latest));
+        for (stream, topic) in self.streams.iter_mut().zip(TOPICS) {
+            let latest = now.saturating_add(topic.period(self.extension.settings()));
+            stream.due = stream.due.min(latest);
+        }
     }
 
     /// Notes what is to be answered, if anything.
     fn settle(&mut self, answer: Option<Owed>) {
         self.extension.settle(answer, &mut self.counters);
+    }
+}
+
+impl Topic {
+    /// How often it is told.
+    fn period(self, settings: &Settings) -> Duration {
+        match self {
+            Self::Telemetry(_) | Self::Health => telemetry_period(settings),
+            Self::State => Duration::from_millis(settings.link.state_period_ms.max(1).into()),
+        }
     }
 }
 

@@ -11,15 +11,16 @@ use crate::controller::{EncoderReading, Snapshot};
 use crate::settings::{ControlSettings, Settings};
 use crate::units::Duty;
 
-/// The wire's motion command in the controller's vocabulary.
+/// The wire's motion command in the controller's vocabulary; its DID is where it comes from.
 pub(super) fn motion(command: &Move) -> Command {
+    let origin = command.did();
     let Move { mut targets, periods, .. } = *command;
     match command.quantity {
-        Quantity::Position => Command::Drive { method: Method::Position, targets, periods },
-        Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods },
+        Quantity::Position => Command::Drive { method: Method::Position, targets, periods, origin },
+        Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods, origin },
         Quantity::Pwm => {
             targets.iter_mut().flatten().for_each(|target| *target = duty(*target));
-            Command::Drive { method: Method::Pwm, targets, periods }
+            Command::Drive { method: Method::Pwm, targets, periods, origin }
         }
         Quantity::Servo => Command::MoveServos { targets, periods },
     }

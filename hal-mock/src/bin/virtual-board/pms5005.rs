@@ -1,11 +1,11 @@
 //! The PMS5005 as a [`Machine`]: what it shows, tells and lets itself be told.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use embassy_time::Instant;
 use firmware::channel::Channel;
 use firmware::controller::Snapshot;
-use firmware::safety::channel::Limiting;
 use firmware::safety::faults::Fault;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::plant::Overrides;
@@ -75,6 +75,11 @@ impl Machine for VirtualBoard {
             link.bad_frames,
             self.refused(),
         );
+        for (i, channel) in self.snapshot().channels.iter().enumerate() {
+            if let Some(reason) = channel.reason {
+                let _ = write!(text, "; motor {}: {reason}", i + 1);
+            }
+        }
         text
     }
 
@@ -124,7 +129,8 @@ struct State {
     servos: [ServoState; 6],
     gpio_out: u8,
     lcd: String,
-    link: LinkState,
+    /// What the session has counted, by name; `refused` with what the controller has refused.
+    link: BTreeMap<&'static str, u32>,
     faults: Vec<String>,
 }
 
@@ -138,8 +144,8 @@ struct MotorState {
     /// Counts per second.
     velocity: f32,
     current_a: f32,
-    /// Why it may not use all of its drive: `over_current`, `overload`, or not at all.
-    limiting: Option<&'static str>,
+    /// Why it does not do what was asked, if so.
+    reason: Option<String>,
     /// Whether its current can be believed.
     current_sensor: bool,
 }
@@ -148,26 +154,6 @@ struct MotorState {
 struct ServoState {
     enabled: bool,
     pulse_us: f64,
-}
-
-#[derive(Serialize)]
-struct LinkState {
-    frames_ok: u32,
-    bad_frames: u32,
-    bytes_skipped: u32,
-    acks_sent: u32,
-    refused: u32,
-    unknown: u32,
-    not_for_us: u32,
-    telemetry_sent: u32,
-    telemetry_skipped: u32,
-    frames_for_us: u32,
-    acks_dropped: u32,
-    pings_sent: u32,
-    pictures_dropped: u32,
-    line_errors: u32,
-    answers_sent: u32,
-    answers_dropped: u32,
 }
 
 impl State {
@@ -184,10 +170,7 @@ impl State {
                 position: plant.motors[i].position(),
                 velocity: plant.motors[i].velocity(),
                 current_a: plant.motors[i].current_a(),
-                limiting: snapshot.limiting[i].map(|limiting| match limiting {
-                    Limiting::OverCurrent => "over_current",
-                    Limiting::Overload => "overload",
-                }),
+                reason: snapshot.channels[i].reason.map(|reason| reason.to_string()),
                 current_sensor: !snapshot.no_current_sensor[i],
             }),
             servos: outputs.servos.map(|pulse| ServoState {
@@ -196,24 +179,7 @@ impl State {
             }),
             gpio_out: outputs.gpio,
             lcd: plant.lcd.as_flattened().iter().map(|byte| format!("{byte:02x}")).collect(),
-            link: LinkState {
-                frames_ok: link.frames_ok,
-                bad_frames: link.bad_frames,
-                bytes_skipped: link.bytes_skipped,
-                acks_sent: link.acks_sent,
-                refused: board.refused(),
-                unknown: link.unknown,
-                not_for_us: link.not_for_us,
-                telemetry_sent: link.telemetry_sent,
-                telemetry_skipped: link.telemetry_skipped,
-                frames_for_us: link.frames_for_us,
-                acks_dropped: link.acks_dropped,
-                pings_sent: link.pings_sent,
-                pictures_dropped: link.pictures_dropped,
-                line_errors: link.line_errors,
-                answers_sent: link.answers_sent,
-                answers_dropped: link.answers_dropped,
-            },
+            link: link.named().chain([("refused", board.refused())]).collect(),
             faults: faults(&snapshot),
         }
     }
