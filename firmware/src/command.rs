@@ -4,6 +4,7 @@ use protocol::pms5005::extension::Fault;
 use protocol::pms5005::{CHANNELS, Channel, Method, Scope};
 
 use crate::control::axis::AxisRefusal;
+use crate::control::servo::Slew;
 
 /// Channels 0 and 1 have encoders.
 pub const ENCODERS: usize = 2;
@@ -30,6 +31,8 @@ pub enum Command {
         /// Control periods until the pulse width is there; 0 is at once.
         periods: u16,
     },
+    /// Slew servos, each at its own pace, whether the host speaks or not. `None` leaves a servo alone.
+    SlewServos([Option<Slew>; CHANNELS]),
     /// Go by the settings that wait beside the commands from now on: they are too large to be queued with
     /// them.
     Adopt,

@@ -151,6 +151,7 @@ impl Controller {
             }),
             sensors: *sensors,
             outputs,
+            servos: self.servos.map(|servo| servo.set_point()),
             link_loss: self.link.is_lost() || self.axes.iter().any(Axis::is_stopped_by_link_loss),
             obstacle: blocked,
             limiting: array::from_fn(|i| self.monitors[i].limiting()),
@@ -338,11 +339,23 @@ impl Controller {
             Command::Drive { method, targets, periods } => {
                 self.go(method, &targets, periods, motion)
             }
-            Command::MoveServos { .. } if self.faults.latched().stops_servos() => Ok(()),
+            Command::MoveServos { .. } | Command::SlewServos(_)
+                if self.faults.latched().stops_servos() =>
+            {
+                Ok(())
+            }
             Command::MoveServos { targets, periods } => {
                 for (servo, target) in self.servos.iter_mut().zip(targets) {
                     if let Some(target) = target {
                         servo.go(target, periods);
+                    }
+                }
+                Ok(())
+            }
+            Command::SlewServos(slews) => {
+                for (servo, slew) in self.servos.iter_mut().zip(slews) {
+                    if let Some(slew) = slew {
+                        servo.slew(slew);
                     }
                 }
                 Ok(())

@@ -7,7 +7,7 @@ use crate::command::ENCODERS;
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::channel::Limiting;
 use crate::safety::latch::Latched;
-use crate::units::{CountsPerSecond, Duty};
+use crate::units::{CountsPerSecond, Duty, ServoPulse};
 
 /// What an encoder says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,6 +42,8 @@ pub struct Snapshot {
     pub sensors: Sensors,
     /// What was driven in this period.
     pub outputs: Outputs,
+    /// Where each servo's set-point is, whether it has pulses or not; `None` before its first command.
+    pub servos: [Option<ServoPulse>; CHANNELS],
     /// The host, once heard, is silent, or channels that it left running were stopped for that
     /// and have not been commanded since.
     pub link_loss: bool,
@@ -85,6 +87,7 @@ impl Snapshot {
             servos: [None; CHANNELS],
             gpio: 0,
         },
+        servos: [None; CHANNELS],
         link_loss: false,
         obstacle: false,
         limiting: [None; CHANNELS],
