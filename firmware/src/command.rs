@@ -2,6 +2,7 @@
 
 use crate::channel::{CHANNELS, Channel, Method, Scope};
 use crate::control::axis::AxisRefusal;
+use crate::control::servo::Slew;
 use crate::safety::faults::Fault;
 
 /// What a personality asks of the controller. A command takes effect whole, in one control period.
@@ -28,6 +29,8 @@ pub enum Command {
         /// Control periods until the pulse width is there; 0 is at once.
         periods: u16,
     },
+    /// Slew servos, each at its own pace, whether the host speaks or not. `None` leaves a servo alone.
+    SlewServos([Option<Slew>; CHANNELS]),
     /// Go by the settings that wait beside the commands from now on: they are too large to be queued with
     /// them.
     Adopt,

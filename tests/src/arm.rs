@@ -178,7 +178,7 @@ impl Arm {
         self.board.link()
     }
 
-    /// What ARMpac would tell.
+    /// What ARMpac would have told when the arm was last looked at: within 20 ms, and at every arrival.
     pub fn arm(&self) -> ArmStatus {
         self.link().arm
     }

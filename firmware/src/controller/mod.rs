@@ -159,6 +159,7 @@ impl Controller {
             outputs,
             link_loss: self.link.is_lost()
                 || self.axes.iter().any(|axis| axis.halt() == Some(Halt::Silence)),
+            servos: self.servos.map(|servo| servo.set_point()),
             obstacle: blocked,
             channels: Channel::ALL.map(|channel| self.channel(channel)),
             no_current_sensor: array::from_fn(|i| {
@@ -360,11 +361,23 @@ impl Controller {
             Command::Drive { method, targets, periods, origin } => {
                 self.go(method, &targets, periods, origin, motion)
             }
-            Command::MoveServos { .. } if self.faults.latched().stops_servos() => Ok(()),
+            Command::MoveServos { .. } | Command::SlewServos(_)
+                if self.faults.latched().stops_servos() =>
+            {
+                Ok(())
+            }
             Command::MoveServos { targets, periods } => {
                 for (servo, target) in self.servos.iter_mut().zip(targets) {
                     if let Some(target) = target {
                         servo.go(target, periods);
+                    }
+                }
+                Ok(())
+            }
+            Command::SlewServos(slews) => {
+                for (servo, slew) in self.servos.iter_mut().zip(slews) {
+                    if let Some(slew) = slew {
+                        servo.slew(slew);
                     }
                 }
                 Ok(())

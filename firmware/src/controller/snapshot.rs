@@ -6,7 +6,7 @@ use crate::control::axis::{AxisRefusal, SetPoint};
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::faults::FaultRecord;
 use crate::safety::latch::Latched;
-use crate::units::{CountsPerSecond, Duty};
+use crate::units::{CountsPerSecond, Duty, ServoPulse};
 
 /// What an encoder says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -93,6 +93,8 @@ pub struct Snapshot {
     pub sensors: Sensors,
     /// What was driven in this period.
     pub outputs: Outputs,
+    /// Where each servo's set-point is, whether it has pulses or not; `None` before its first command.
+    pub servos: [Option<ServoPulse>; CHANNELS],
     /// The host, once heard, is silent, or channels that it left running were stopped for that
     /// and have not been commanded since.
     pub link_loss: bool,
@@ -136,6 +138,7 @@ impl Snapshot {
             servos: [None; CHANNELS],
             gpio: 0,
         },
+        servos: [None; CHANNELS],
         link_loss: false,
         obstacle: false,
         channels: [ChannelSnapshot::BOOT; CHANNELS],

@@ -23,7 +23,9 @@ fn an_arm_that_is_lost_with_power_on_goes_home_and_off_and_takes_no_power_until_
     host.run_alive_with(60, |host| watch.look(host));
     assert!(!host.arm().connected && host.arm().homing && host.arm().powered);
     assert_eq!((host.link().arms_lost, host.status_bytes()[0]), (1, 0b01));
+    watch.look(&host);
     assert!(info_says_no_arm(&mut host));
+    watch.look(&host);
     // Nothing calls this park off.
     let before = host.link().ignored;
     for command in [

@@ -1,6 +1,11 @@
 //! Joints, power, parking, and the two timers.
 
 use super::*;
+use firmware::controller::{Controller, Snapshot};
+use firmware::personality::{Boot, Request, Session};
+use firmware::ports::{MotionInputs, Sensors};
+use firmware::settings::Settings;
+use protocol::extension::{Action, Verdict};
 
 #[test]
 fn at_20_ms_a_step_a_joint_moves_50_ticks_in_a_second() {
@@ -25,10 +30,16 @@ fn every_joint_has_its_own_speed_and_all_move_together() {
     }
     host.run_alive_ms(400);
     // 400 ms and what the commands took on the line (10 ms).
-    for (joint, ms) in (1..=6).zip([5, 10, 20, 40, 80, 127]) {
-        let moved = i32::from(host.ticks(joint)) - 127;
-        assert!((moved - 400 / ms).abs() <= 2, "joint {joint}: {moved} ticks");
-        assert_eq!(host.pulses()[usize::from(joint) - 1], Some(pulse(host.ticks(joint))));
+    let driven = host.pulses().map(Option::unwrap);
+    let told = host.status_bytes();
+    let later = host.pulses().map(Option::unwrap);
+    for (i, ms) in [5, 10, 20, 40, 80, 127].into_iter().enumerate() {
+        let expected = 127 + (400 / ms) as u8;
+        let about = pulse(expected - 2)..=pulse(expected + 2);
+        assert!(about.contains(&driven[i]), "joint {}: {driven:?}", i + 1);
+        // The last tick that it had reached some time in these 10 ms.
+        let ticks = told[2 + i];
+        assert!(pulse(ticks + 1) > driven[i] && pulse(ticks) <= later[i], "{told:?}");
     }
 }
 
@@ -74,6 +85,89 @@ fn no_joint_ever_jumps() {
     }
     assert!(host.link().limited >= 24, "a speed of 0 is 1");
     assert!(watch.steps > 5000, "{} steps without a jump", watch.steps);
+}
+
+#[test]
+fn power_and_a_position_in_one_write_are_no_jump_either() {
+    let mut host = Host::opened();
+    host.run_ms(1);
+    let mut watch = NoJump::new(&host);
+    let mut both = Vec::new();
+    for command in [ArmCommand::Power(true), ArmCommand::Position { joint: number(1), ticks: 0 }] {
+        both.extend_from_slice(command.encode(&mut [0; 9]).unwrap());
+    }
+    host.speed(1, 1);
+    host.send_bytes(&both);
+    // The way of 127 ticks begins when the pulses are there.
+    let mut arrived = 0;
+    while host.pulses()[0] != Some(pulse(0)) && arrived < 200 {
+        host.run_alive_with(1, |host| watch.look(host));
+        arrived += 1;
+    }
+    assert!((127..=135).contains(&arrived), "{arrived} ms");
+}
+
+#[test]
+fn a_new_speed_counts_at_once_for_a_joint_on_its_way_too() {
+    let mut host = Host::powered();
+    host.go(1, 227);
+    host.run_alive_ms(1010);
+    host.speed(1, 2);
+    // Another half of the way, ten times as fast.
+    let arrived = host.until(Alive, 200, |host| host.pulses()[0] == Some(pulse(227)));
+    assert!((95..=105).contains(&arrived), "{arrived} ms");
+}
+
+#[test]
+fn a_way_is_one_command_and_the_session_looks_at_it_no_more_than_every_20_ms() {
+    let start = Instant::from_secs(1);
+    let mut session = PioneerArm::new(Settings::DEFAULT, Boot::default(), start);
+    let mut controller = Controller::new(Settings::DEFAULT.control);
+    let mut snapshot = Snapshot::BOOT;
+    let sensors = Sensors { gpio_in: 0xFE, ..Sensors::UNKNOWN };
+    let mut bytes = Vec::new();
+    for sync in SYNC {
+        bytes.extend_from_slice(Packet { id: sync.id, data: &[] }.encode(&mut [0; 6]).unwrap());
+    }
+    bytes.extend_from_slice(encode_command(command::OPEN, None, &mut [0; 9]).unwrap());
+    bytes.extend_from_slice(ArmCommand::Power(true).encode(&mut [0; 9]).unwrap());
+    let (mut commands, mut looks) = (0, 0);
+    for ms in 0..1200 {
+        let now = start + Duration::from_millis(ms);
+        if ms == 100 {
+            let go = ArmCommand::Position { joint: number(1), ticks: 177 };
+            bytes.extend_from_slice(go.encode(&mut [0; 9]).unwrap());
+            (commands, looks) = (0, 0);
+        }
+        let mut queue = Vec::new();
+        let mut received = &bytes[..];
+        while session.receive(&mut received, now).is_some() {}
+        bytes.clear();
+        if session.wakes_at().is_some_and(|at| at <= now) {
+            looks += 1;
+            while let Some(Request::Control(command)) = session.advance(now, &snapshot) {
+                queue.push(command);
+            }
+        }
+        commands += queue.len();
+        let life = session.signs_of_life();
+        snapshot = controller.step(queue, || None, &MotionInputs::default(), &sensors, life);
+    }
+    assert_eq!(snapshot.outputs.servos[0].map(|pulse| pulse.raw()), Some(pulse(177)));
+    assert_eq!(session.counters().arm.positions[0], 177);
+    assert_eq!(commands, 1);
+    assert!((50..60).contains(&looks), "{looks} in 1.1 s");
+}
+
+#[test]
+fn a_save_that_is_refused_on_the_way_does_not_hold_a_joint_up() {
+    let mut host = Host::powered();
+    host.speed(1, 5);
+    host.go(1, 227);
+    host.run_alive_ms(100);
+    assert_eq!(host.act(Action::Save), Verdict::OutputsOn);
+    let arrived = host.until(Alive, 500, |host| host.pulses()[0] == Some(pulse(227)));
+    assert!((355..=365).contains(&arrived), "{arrived} ms");
 }
 
 #[test]
@@ -270,7 +364,8 @@ fn speeds_are_taken_without_power_and_survive_power_and_sessions() {
     host.send(ArmCommand::Power(true));
     host.go(1, 227);
     host.run_alive_ms(250);
-    assert!((176..=178).contains(&host.ticks(1)), "{}", host.ticks(1));
+    let now = host.pulses()[0];
+    assert!((Some(pulse(176))..=Some(pulse(178))).contains(&now), "{now:?}");
     assert_eq!(host.link().ignored, 0);
 }
 

@@ -365,6 +365,28 @@ fn what_goes_home_to_be_switched_off_goes_on_when_the_host_falls_silent() {
         assert_eq!((host.arm().powered, host.ticks(1)), (false, 127), "{last:?}");
     }
 }
+
+#[test]
+fn however_soon_the_controller_calls_a_host_silent_joints_go_on_for_two_seconds_and_home_to_the_end()
+ {
+    let mut make = Make::default();
+    make.settings.control.link_timeout = 1;
+    let mut host = Host::with(make);
+    host.open();
+    host.power_up();
+    host.speed(1, 40);
+    host.go(1, 227);
+    host.run_ms(1990);
+    assert!(host.board.snapshot().link_loss);
+    assert_eq!((host.ticks(1), host.link().watchdogs), (176, 0));
+    host.run_ms(1000);
+    let held = host.pulses()[0];
+    assert_eq!((held, host.link().watchdogs), (Some(pulse(177)), 1));
+    host.send(ArmCommand::Park);
+    host.see(Silent, |host| host.arm().powered, [(2000, true), (2040, true), (2070, false)]);
+    assert_eq!((host.ticks(1), host.link().watchdogs), (127, 2));
+}
+
 #[test]
 fn a_host_that_comes_back_after_the_silence_takes_over_an_arm_that_holds() {
     let mut host = Host::powered();

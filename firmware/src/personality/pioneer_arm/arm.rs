@@ -6,6 +6,8 @@
 //!   settings give them. So no joint falls, and power-up moves none unless a hand has meanwhile;
 //! - until it is off the latest command counts: a position, STOP or POWER 1 calls a park off;
 //! - a host that falls silent stops the joints that move, and they hold; AUTOPARK parks them;
+//! - the controller drives the joints, each way by one command, and takes no notice of the host's
+//!   silence then (`control::servo`): it is the session that stops them;
 //! - where nobody may be watching (the end of a session, AUTOPARK, the gripper's turn, a lost arm)
 //!   a joint goes home no faster than its calibrated speed;
 //! - an arm that is lost while it has power is parked, and takes orders again only after INIT has
@@ -22,16 +24,20 @@ use protocol::arcos::{ArmCommand, ArmInfo, ArmStatus, JOINTS, JointInfo, Joints}
 use super::joint::{Joint, Limited};
 use crate::channel::Scope;
 use crate::command::Command;
+use crate::control::servo::Slew;
 use crate::settings::ArmSettings;
+use crate::units::ServoPulse;
 
 /// What INIT takes.
 const RESET_TIME: Duration = Duration::from_millis(700);
 /// What CHECK takes.
 const CHECK_TIME: Duration = Duration::from_millis(200);
-/// How often the arm's line is looked at; it is read no faster.
+/// How often the arm is looked at; its line is read no faster.
 const LOOK_PERIOD: Duration = Duration::from_millis(20);
 
-/// How long a pulse that was told may be missing: a command takes two control periods.
+/// From a command to the snapshot that shows it: two control periods.
+const COMMAND_TAKES: Duration = Duration::from_millis(2);
+/// How long a pulse that was told may be missing.
 const PULSES_TAKE: Duration = Duration::from_millis(20);
 
 /// What ARMINFOpac calls us.
@@ -81,8 +87,12 @@ pub(super) struct Seen {
     pub present: bool,
     /// A fault keeps the servos off.
     pub stopped: bool,
-    /// A servo has no pulses, and no upkeep keeps the board from giving them.
-    pub lacks_pulses: bool,
+    /// All servos have pulses.
+    pub has_pulses: bool,
+    /// An upkeep keeps the board from giving them.
+    pub is_held: bool,
+    /// Where they are, or were last.
+    pub pulses: [Option<ServoPulse>; JOINTS],
 }
 
 /// The arm. See the [module](self).
@@ -102,11 +112,13 @@ pub(super) struct Arm {
     looks_at: Instant,
     autopark_s: u16,
     grippark_s: u16,
-    /// The last command or step, or power-up.
+    /// The last command, the end of the last way, or power-up.
     idle_since: Instant,
     closed_since: Option<Instant>,
-    /// The pulses that the board was last told to give.
-    driven: [Option<i16>; JOINTS],
+    /// Where the board was last told to drive the servos.
+    driven: [Option<Slew>; JOINTS],
+    /// It has given pulses since power-up. Joints hold until then: none appears in mid-way.
+    has_pulses: bool,
     /// Since when it has lacked some of them.
     lacking_since: Option<Instant>,
     /// Times that the arm was lost while it had power; wraps.
@@ -134,6 +146,7 @@ impl Arm {
             idle_since: now,
             closed_since: None,
             driven: [None; JOINTS],
+            has_pulses: false,
             lacking_since: None,
             lost: 0,
             power_lost: 0,
@@ -177,7 +190,7 @@ impl Arm {
         match command {
             ArmCommand::Info | ArmCommand::Status(_) => {}
             ArmCommand::Init => {
-                self.park(false, now);
+                self.park(false);
                 self.check_until = None;
                 self.clears = true;
                 self.reset_until = Some(now.saturating_add(RESET_TIME));
@@ -187,15 +200,15 @@ impl Arm {
                 self.obeys()?;
                 self.power = Power::On;
             }
-            ArmCommand::Power(false) | ArmCommand::Park => self.park(false, now),
+            ArmCommand::Power(false) | ArmCommand::Park => self.park(false),
             ArmCommand::Home(joints) => {
                 self.moves()?;
-                self.each(joints, |joint| joint.home(false, now));
+                self.each(joints, |joint| joint.home(false));
             }
             ArmCommand::Position { joint, ticks } => {
                 self.moves()?;
                 self.power = Power::On;
-                limited = self.of(joint).go(ticks, now);
+                limited = self.of(joint).go(ticks);
             }
             ArmCommand::Speed { joint, ms_per_tick } => {
                 limited = self.of(joint).set_speed(ms_per_tick);
@@ -212,8 +225,8 @@ impl Arm {
     }
 
     /// The host has closed its session.
-    pub fn park_unhurried(&mut self, now: Instant) {
-        self.park(true, now);
+    pub fn park_unhurried(&mut self) {
+        self.park(true);
     }
 
     /// The host is silent: joints that move stop where they are, unless they go home to be switched
@@ -232,35 +245,43 @@ impl Arm {
 
     /// When [`advance`](Self::advance) has something to do.
     pub fn wakes_at(&self) -> Instant {
-        let steps = self.joints.iter().filter_map(Joint::steps_at);
-        let ends = [self.reset_until, self.check_until, self.parks_at()].into_iter().flatten();
-        let earliest = steps.chain(ends).fold(self.looks_at, Instant::min);
+        let ends = [self.reset_until, self.check_until, self.parks_at()];
+        let earliest = ends.into_iter().flatten().fold(self.looks_at, Instant::min);
         // A command may have asked for something to be done now.
-        let is_told = !self.clears && self.pulses() == self.driven;
+        let is_told = !self.clears && self.slews() == self.driven;
         if is_told { earliest } else { Instant::MIN }
     }
 
     /// Lets time pass, and tells what that asks of the board. Call it until it answers `None`.
     pub fn advance(&mut self, now: Instant, seen: Seen) -> Option<Command> {
-        self.looks_at = now.saturating_add(LOOK_PERIOD);
         self.heed(now, seen);
         self.watch(now, seen.present);
         self.keep_times(now);
-        for joint in &mut self.joints {
-            joint.step(now);
-        }
+        self.look(now, &seen.pulses);
         if self.parks_at().is_some_and(|at| at <= now) {
             self.power = Power::Off;
         }
+        let is_on = self.power != Power::Off;
+        self.has_pulses = is_on && (self.has_pulses || seen.has_pulses);
+        let arrivals = self.joints.iter().filter_map(Joint::arrives_at).filter(|_| is_on);
+        let rises = (is_on && !self.has_pulses).then(|| now.saturating_add(COMMAND_TAKES));
+        self.looks_at = arrivals.chain(rises).fold(now.saturating_add(LOOK_PERIOD), Instant::min);
         if core::mem::take(&mut self.clears) && seen.stopped {
             return Some(Command::ClearFaults(Scope::All));
         }
-        self.drive()
+        self.drive(now)
+    }
+
+    /// Takes where the servos' pulses are.
+    pub fn look(&mut self, now: Instant, pulses: &[Option<ServoPulse>; JOINTS]) {
+        for (joint, pulse) in self.joints.iter_mut().zip(pulses) {
+            joint.look(*pulse, now);
+        }
     }
 
     /// A fault stops the servos, or does no more, or did between two looks.
     fn heed(&mut self, now: Instant, seen: Seen) {
-        let lacks_pulses = self.power != Power::Off && seen.lacks_pulses;
+        let lacks_pulses = self.power != Power::Off && !seen.has_pulses && !seen.is_held;
         self.lacking_since = lacks_pulses.then_some(self.lacking_since.unwrap_or(now));
         let has_tripped =
             self.lacking_since.is_some_and(|since| now >= since.saturating_add(PULSES_TAKE));
@@ -282,7 +303,7 @@ impl Arm {
             if self.power != Power::Off {
                 self.needs_init = true;
                 self.lost = self.lost.wrapping_add(1);
-                self.park(true, now);
+                self.park(true);
             }
         }
         if self.reset_until.take_if(|until| *until <= now).is_some() {
@@ -304,46 +325,51 @@ impl Arm {
             // So a position or a STOP on the way home gives it its time again.
             self.closed_since = None;
         } else if is_over(*self.closed_since.get_or_insert(now), self.grippark_s) {
-            gripper.home(true, now);
+            gripper.home(true);
         }
         if self.joints.iter().any(Joint::is_moving) {
             self.idle_since = now;
         }
         if self.power == Power::On && is_over(self.idle_since, self.autopark_s) {
-            self.park(true, now);
+            self.park(true);
         }
     }
 
-    /// The next command that brings the board's pulses to what the joints need.
-    fn drive(&mut self) -> Option<Command> {
-        let pulses = self.pulses();
-        if pulses == self.driven {
+    /// The next command that has the board drive the joints as they need it.
+    fn drive(&mut self, now: Instant) -> Option<Command> {
+        let mut slews = self.slews();
+        if slews == self.driven {
             return None;
         }
-        let before = core::mem::replace(&mut self.driven, pulses);
+        let driven = core::mem::replace(&mut self.driven, slews);
         if self.power == Power::Off {
             return Some(Command::Run { scope: Scope::All, run: false });
         }
-        let mut targets = pulses;
-        for (target, before) in targets.iter_mut().zip(before) {
-            // A joint that stands is left alone.
-            if *target == before {
-                *target = None;
+        for ((joint, slew), driven) in self.joints.iter_mut().zip(&mut slews).zip(driven) {
+            // One that goes on as before is left alone.
+            if *slew == driven {
+                *slew = None;
+            } else {
+                joint.set_out(now);
             }
         }
-        Some(Command::MoveServos { targets, periods: 0 })
+        Some(Command::SlewServos(slews))
     }
 
-    /// The pulses that the joints need; none without power.
-    fn pulses(&self) -> [Option<i16>; JOINTS] {
-        self.joints.each_ref().map(|joint| (self.power != Power::Off).then(|| joint.pulse()))
+    /// The ways that the joints are on; none without power.
+    fn slews(&self) -> [Option<Slew>; JOINTS] {
+        self.joints.each_ref().map(|joint| match self.power {
+            Power::Off => None,
+            _ if self.has_pulses => Some(joint.slew()),
+            _ => Some(joint.hold()),
+        })
     }
 
     /// All joints home, then power off.
-    fn park(&mut self, unhurried: bool, now: Instant) {
+    fn park(&mut self, unhurried: bool) {
         if self.power != Power::Off {
             self.power = Power::Parking;
-            self.each(Joints::All, |joint| joint.home(unhurried, now));
+            self.each(Joints::All, |joint| joint.home(unhurried));
         }
     }
 

@@ -190,8 +190,9 @@ impl Session for PioneerArm {
         let seen = Seen {
             present: snapshot.sensors.gpio_in & ARM_LINE == 0,
             stopped: snapshot.faults.stops_servos(),
-            lacks_pulses: !self.answers.extension.is_busy()
-                && snapshot.outputs.servos.iter().any(Option::is_none),
+            has_pulses: snapshot.outputs.servos.iter().all(Option::is_some),
+            is_held: self.answers.extension.is_busy(),
+            pulses: snapshot.servos,
         };
         self.answers.arm.advance(now, seen).map(Request::Control)
     }
@@ -210,11 +211,15 @@ impl Session for PioneerArm {
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
         let due = self.answers.next(now)?;
-        let Answers { dialect, arm, extension, .. } = &self.answers;
+        let Answers { arm, extension, .. } = &self.answers;
         let packet = match due {
             Answer::Sync2 => NAMES.encode(out),
             Answer::Echo(packet) => packet.encode(out),
-            Answer::Status => arm.status().encode(*dialect, out),
+            Answer::Status => {
+                let Answers { dialect, arm, .. } = &mut self.answers;
+                arm.look(now, &snapshot().servos);
+                arm.status().encode(*dialect, out)
+            }
             Answer::Info => arm.info().encode(out),
             Answer::Standard => standard(&snapshot()).encode(out),
             Answer::Health => extension::encode_answer(&extension.health(now, &snapshot()), out),
@@ -416,7 +421,7 @@ impl Answers {
             (_, command::CLOSE, _) => {
                 self.forget();
                 self.phase = Phase::Closed;
-                self.arm.park_unhurried(now);
+                self.arm.park_unhurried();
             }
             _ => match extension::parse_request(packet) {
                 Some(request) => return self.extend(request, now),
