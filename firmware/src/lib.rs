@@ -14,8 +14,11 @@
 //! | [`controller`] | one step a control period over six channels and six servos |
 //! | [`safety`] | link silence, collision protection, faults |
 //! | [`personality`] | sessions without I/O: how a controller of old presents itself |
+//! | [`bridge`] | the CM-5, which has no controller: a session between a PC and a servo bus, and its tasks |
 //! | [`settings`] | what an owner may choose |
-//! | [`app`] | the tasks, the only place where time passes |
+//! | [`app`] | the tasks of a controller; only here and in [`bridge::tasks`] time passes |
+//! | [`liveness`] | who feeds the watchdog, and when no more |
+//! | `reception` | what all sessions and their tasks share in listening to a line |
 //! | `board` | pins, timers, DMA: for the target only, and alone in using `unsafe` |
 //!
 //! It builds for the Cortex-M4 and for a computer; a board, QEMU and the virtual board differ in
@@ -29,11 +32,14 @@ pub mod app;
 #[cfg(all(target_os = "none", feature = "stm32f4"))]
 #[allow(unsafe_code)] // registers and interrupt vectors; every block says why it may
 pub mod board;
+pub mod bridge;
 pub mod command;
 pub mod control;
 pub mod controller;
+pub mod liveness;
 pub mod personality;
 pub mod ports;
+mod reception;
 pub mod safety;
 pub mod settings;
 pub mod units;

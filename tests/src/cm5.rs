@@ -3,7 +3,7 @@
 use std::ops::{Deref, DerefMut};
 
 use embassy_time::{Duration, Instant};
-use firmware::personality::cm5::ServoCounters;
+use firmware::bridge::ServoCounters;
 use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::wire::Line;

@@ -1,4 +1,4 @@
-//! The tasks: the only place where time passes and I/O happens.
+//! The tasks of a controller: where time passes and I/O happens.
 //!
 //! ```text
 //!            ┌───────── link ─────────┐  Command   ┌── control, 1 kHz ──┐
@@ -12,16 +12,14 @@
 //!  upkeep: saves settings and restarts the board, while control is held back with nothing driven
 //! ```
 //!
-//! The CM-5 has no controller and other tasks: [`bridge`].
+//! The CM-5 has no controller and other tasks: [`bridge::tasks`](crate::bridge::tasks).
 //!
 //! The functions are generic; an image wraps each in a thin task, `control` on an interrupt
 //! executor above everything else. All channels are made by `main` ([`Channels`]) and passed by
 //! reference, and so is whatever has a state, since a future would hold what it is given several
 //! times over; there are no statics here.
 
-mod bridge;
 mod latest;
-mod liveness;
 
 use core::cell::RefCell;
 
@@ -38,15 +36,14 @@ use protocol::pms5005::extension::Fault;
 
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
+use crate::liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
 use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
+use crate::reception::{CHUNK, LINE_DOWN};
 use crate::settings::store::Store;
 use crate::settings::{ControlSettings, Settings};
 use crate::units::CONTROL_PERIOD_MS;
-pub use bridge::{BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_transmit};
 pub use latest::Latest;
-pub use liveness::{BRIDGE_WATCHDOG_PERIOD, ERASE_PERIOD, WATCHDOG_PERIOD};
-use liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
 /// 115200 baud, so a period brings two at most. A full queue makes the link wait, and the line's buffer
@@ -55,8 +52,6 @@ pub const COMMANDS: usize = 4;
 /// Pictures that may wait for the display. They come every 6.4 ms at 115200 baud at the most; one
 /// that finds no room is dropped and counted.
 pub const PICTURES: usize = 2;
-/// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
-const CHUNK: usize = 64;
 const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
 /// How long the last answer of a program has to leave before another is started: an answer and an
 /// acknowledgement behind the longest frame take 25 ms at 115200 baud.
@@ -118,7 +113,8 @@ impl<M: RawMutex, C: Copy + Default> Default for Channels<M, C> {
 }
 
 /// Runs the controller once every control period, and feeds the watchdog: `feed` is told whether
-/// anything is driven. The watchdog must bear [`WATCHDOG_PERIOD`]. Deadline: the period, 1 ms.
+/// anything is driven. The watchdog must bear
+/// [`WATCHDOG_PERIOD`](crate::liveness::WATCHDOG_PERIOD). Deadline: the period, 1 ms.
 pub async fn control<M: RawMutex, C: Copy>(
     port: &mut impl MotionPort,
     controller: &mut Controller,
@@ -383,6 +379,3 @@ pub async fn link<M: RawMutex, S: Session>(
     join(receive, transmit).await;
     unreachable!("both loops are endless")
 }
-
-/// How long a line that failed is left alone.
-const LINE_DOWN: Duration = Duration::from_millis(1);

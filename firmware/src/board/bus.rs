@@ -36,7 +36,7 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::drives::Lines;
-use crate::personality::cm5::MAX_REQUEST;
+use crate::bridge::MAX_REQUEST;
 
 /// The servos' (AX-12, register 4 at 1).
 const BAUD: u32 = 1_000_000;

@@ -3,24 +3,24 @@
 //! A [`Session`] is one without I/O: bytes and the time go in, [`Request`]s and bytes come out. It
 //! knows the wire and the controller's vocabulary, never a port. `app::link` runs any of them.
 //!
-//! The CM-5 is none: it has no controller, but a second line to servos of its own. Its
-//! [`cm5::Bridge`] is run by `app::bridge`.
+//! The CM-5 is none: it has no controller, but a second line to servos of its own. It is the
+//! [`bridge`](crate::bridge).
 
-pub mod cm5;
 mod extension;
 pub mod pioneer_arm;
 pub mod pms5005;
-mod reception;
 
 use embassy_time::Instant;
+use protocol::deframe::{Framing, Reception};
+use protocol::pms5005::extension::Counters;
 
 use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::ports::Program;
+use crate::reception::{TimedReceiver, count};
 use crate::settings::Settings;
 
 pub use extension::Boot;
-use reception::TimedReceiver;
 
 /// Room for the longest frame that any session sends. At 9600 baud it takes 87.5 ms, and a task
 /// that is silent for more than 90 counts as hung (`app`).
@@ -124,7 +124,10 @@ pub trait Session {
     fn signs_of_life(&self) -> u32;
 }
 
-/// Counters wrap.
-fn count(counter: &mut u32, more: u32) {
-    *counter = counter.wrapping_add(more);
+impl<F: Framing, const N: usize> TimedReceiver<F, N> {
+    /// A session's counters, with what the receiver has counted.
+    fn counted(&self, counters: Counters) -> Counters {
+        let Reception { frames_ok, bad_frames, bytes_skipped, .. } = self.reception();
+        Counters { frames_ok, bad_frames, bytes_skipped, ..counters }
+    }
 }

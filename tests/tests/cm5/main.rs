@@ -15,7 +15,7 @@ mod watchdog;
 mod work;
 
 use embassy_time::{Duration, Instant};
-use firmware::personality::cm5::ServoCounters;
+use firmware::bridge::ServoCounters;
 use hal_mock::plant::Ax12;
 use protocol::cm5::{
     Answer, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Receiver, Report, encode, params_of,

@@ -1,7 +1,6 @@
 //! The bridge alone, without tasks: a bus that does what no servo would, step by step.
 
-use firmware::personality::cm5::{Bridge, MAX_REQUEST};
-use firmware::settings::BridgeSettings;
+use firmware::bridge::{Bridge, BridgeSettings, MAX_REQUEST};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use protocol::dynamixel::{Id, Packet};

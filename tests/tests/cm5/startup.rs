@@ -1,7 +1,7 @@
 //! Search, hello and setup: who is on the bus, and what the PC wants of them.
 
 use embassy_time::Duration;
-use firmware::settings::{BridgeSettings, OnSilence};
+use firmware::bridge::{BridgeSettings, OnSilence};
 use hal_mock::cm5_board::Make;
 use hal_mock::servo_bus::Faults;
 use protocol::cm5::Refusal;

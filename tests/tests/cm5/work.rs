@@ -1,6 +1,6 @@
 //! The loop of work: goals reach the servos, reports the PC, and silence is noticed.
 
-use firmware::settings::{BridgeSettings, OnSilence};
+use firmware::bridge::{BridgeSettings, OnSilence};
 use hal_mock::cm5_board::Make;
 use hal_mock::servo_bus::Faults;
 

@@ -2,7 +2,7 @@
 //! the IDs they had in the beginning.
 
 use embassy_time::Instant;
-use firmware::personality::cm5::{BridgeCounters, Servo};
+use firmware::bridge::{BridgeCounters, Servo};
 use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{self, Faults};

@@ -15,11 +15,11 @@
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Refusal, Report, params_of};
 
-use super::super::count;
 use super::roster::Roster;
 use super::servo::{Servo, Standing};
+use super::settings::{BridgeSettings, OnSilence};
 use crate::fmt::warning;
-use crate::settings::{BridgeSettings, OnSilence};
+use crate::reception::count;
 
 /// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
 const HELLO_PERIOD: Duration = Duration::from_secs(1);

@@ -20,8 +20,8 @@ use embassy_time::{Duration, Instant};
 use protocol::cm5::{Feedback, Goal, Limits};
 use protocol::dynamixel::{EncodeError, Errors, Id, Instruction, Register};
 
-use super::super::count;
 use super::exchange::{Answer, Expected, Outcome, PATIENCE, patience_with};
+use crate::reception::count;
 
 /// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
 /// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in

@@ -52,14 +52,15 @@ mod pc;
 mod roster;
 mod search;
 mod servo;
+mod settings;
+pub mod tasks;
 
 use embassy_time::Instant;
 use protocol::cm5::Cm5;
 use protocol::deframe::Reception;
 use protocol::dynamixel::{Id, Instruction};
 
-use super::{TimedReceiver, count};
-use crate::settings::BridgeSettings;
+use crate::reception::{TimedReceiver, count};
 use cycle::{Cycle, Job};
 use exchange::{BRIEF_PATIENCE, Bus, Expected, Outcome, PATIENCE};
 use pc::Pc;
@@ -70,6 +71,7 @@ pub use exchange::{BusCounters, MAX_REQUEST};
 pub use pc::PcCounters;
 pub use protocol::cm5::{MAX_PACKET, MAX_SERVOS};
 pub use servo::{Servo, ServoCounters, Stage};
+pub use settings::{BridgeSettings, OnSilence};
 
 /// What a bridge has counted. The counters wrap; those of a servo are with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -10,7 +10,7 @@
 use embassy_time::{Duration, Instant};
 use protocol::dynamixel::{Errors, Id, OVERHEAD, Packet, StatusReceiver};
 
-use super::super::count;
+use crate::reception::count;
 
 /// A byte at 1 Mbaud.
 const BYTE: Duration = Duration::from_micros(10);
