@@ -58,7 +58,7 @@ impl Default for Make {
 
 /// A loop of the bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Task {
+pub enum Loop {
     /// [`tasks::receive`].
     Receive,
     /// [`tasks::transmit`].
@@ -74,7 +74,7 @@ pub struct Cm5Board {
     bridge: Rc<RefCell<Bridge>>,
     restarts: Rc<Cell<u32>>,
     /// What starts the bridge again when it hangs, and what makes it hang.
-    pub watchdog: Rc<Watchdog<Task>>,
+    pub watchdog: Rc<Watchdog<Loop>>,
     /// The line to the PC.
     pub line: Line,
     /// The servos on their bus, in the order they were given.
@@ -102,9 +102,9 @@ impl Cm5Board {
                     let feed = || watchdog.feed();
                     let watch = &watchdog;
                     let loops = join3(
-                        watch.watch(Task::Receive, tasks::receive(&mut pc_rx, &bridge, &all)),
-                        watch.watch(Task::Transmit, tasks::transmit(&mut pc_tx, &bridge, &all)),
-                        watch.watch(Task::Bus, tasks::bus(rx, tx, &bridge, &all, feed)),
+                        watch.watch(Loop::Receive, tasks::receive(&mut pc_rx, &bridge, &all)),
+                        watch.watch(Loop::Transmit, tasks::transmit(&mut pc_tx, &bridge, &all)),
+                        watch.watch(Loop::Bus, tasks::bus(rx, tx, &bridge, &all, feed)),
                     );
                     select(loops, watchdog.bites()).await;
                     bridge.replace(new_bridge());

@@ -29,7 +29,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
 
-use super::{Bridge, MAX_PACKET, MAX_REQUEST};
+use super::{Bridge, MAX_INSTRUCTION, MAX_PACKET};
 use crate::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
 use crate::reception::{CHUNK, LINE_DOWN};
 
@@ -64,10 +64,10 @@ impl<M: RawMutex> Default for BridgeChannels<M> {
 ///
 /// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
 /// whatever answers it, and a `write` there is complete when the last stop bit has left, or later.
-/// The buffer below `bus_rx` holds the longest request and an answer:
-/// [`MAX_REQUEST`] and 14 bytes.
+/// The buffer below `bus_rx` holds the longest instruction and an answer:
+/// [`MAX_INSTRUCTION`] and 14 bytes.
 ///
-/// Deadline: the bus is handed its next request within microseconds after an answer, or the cycle
+/// Deadline: the bus is handed its next instruction within microseconds after an answer, or the cycle
 /// gets longer by what it takes; nothing is lost.
 pub async fn run<M: RawMutex>(
     (pc_rx, pc_tx): (&mut impl Read, &mut impl Write),
@@ -145,7 +145,7 @@ pub async fn bus<M: RawMutex>(
     channels: &BridgeChannels<M>,
     mut feed: impl FnMut(),
 ) -> ! {
-    let mut request = [0; MAX_REQUEST];
+    let mut instruction = [0; MAX_INSTRUCTION];
     let mut buffer = [0; CHUNK];
     let mut checked = Instant::now();
     loop {
@@ -155,7 +155,7 @@ pub async fn bus<M: RawMutex>(
         if channels.roll_call.check(passed_ms, false) != Liveness::Hung {
             feed();
         }
-        let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
+        let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut instruction);
         if bridge.borrow().sends_at() <= Instant::now() {
             channels.something_to_send.signal(());
         }
