@@ -27,12 +27,12 @@ use embassy_time::Duration;
 
 /// A task that waits for something answers at least this often. One that works answers when the work
 /// is done: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
-pub(crate) const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
+pub const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
 /// The longest work between two answers is the longest frame at 9600 baud, 87.5 ms.
-pub(crate) const LONGEST_SILENCE: Duration = Duration::from_millis(90);
+pub const LONGEST_SILENCE: Duration = Duration::from_millis(90);
 /// The longest report, of 100 servos at 57,600 baud, takes 140 ms; a check adds the
 /// feeder's whole interval, 50 ms, even to a task that has just answered.
-pub(crate) const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
+pub const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
 /// How long a start or an upkeep may take, in passes of control, of which none happens while a sector
 /// is erased. Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash),
 /// the wait for the last answer to leave before a restart 100 ms.

@@ -171,7 +171,7 @@ fn period_before(now: Instant) -> Instant {
 const LOOK_LEAD: Duration = Duration::from_micros(150);
 
 /// When a line that does not wake anybody is looked at next: once a control period, shortly before
-/// it. From the last byte of a command to control it takes a period and [`LOOK_LEAD`] at most.
+/// it. From the last byte of a command to control it takes a period and `LOOK_LEAD` at most.
 pub fn next_look(now: Instant) -> Instant {
     period_before(now + LOOK_LEAD) + CONTROL_PERIOD - LOOK_LEAD
 }

@@ -17,7 +17,7 @@
 use core::ops::Range;
 
 use embassy_time::{Duration, Instant};
-use protocol::cm5::{Feedback, Limits, ServoGoal};
+use protocol::cm5::{Feedback, ServoGoal};
 use protocol::dynamixel::{EncodeError, Errors, Id, Instruction, Register};
 
 use super::exchange::{Ending, Expected, PATIENCE, Status, patience_with};
@@ -90,14 +90,9 @@ pub enum Order {
 
 /// Return delay and limits, as the registers 5 to 9 hold them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Setup([u8; 5]);
+pub struct Setup(pub [u8; 5]);
 
 impl Setup {
-    fn new(return_delay: u8, limits: Limits) -> Self {
-        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
-        Self([return_delay, cw_low, cw_high, ccw_low, ccw_high])
-    }
-
     fn turns_endlessly(self) -> bool {
         matches!(self.0, [_, 0, 0, 0, 0])
     }
@@ -198,8 +193,7 @@ impl BusServo {
     }
 
     /// The PC wants it so. Nothing happens if it has wanted that before.
-    pub(super) fn agree(&mut self, return_delay: u8, limits: Limits) {
-        let wanted = Setup::new(return_delay, limits);
+    pub(super) fn agree(&mut self, wanted: Setup) {
         let before = self.wanted.replace(wanted);
         if self.is_agreed() && before == Some(wanted) {
             return;

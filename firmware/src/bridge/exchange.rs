@@ -125,7 +125,7 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    pub const fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             instruction: heapless::Vec::new(),
             expected: None,
@@ -134,12 +134,7 @@ impl Exchange {
             limit: Instant::MAX,
             receiver: StatusReceiver::new(),
             heard: false,
-            counters: BusCounters {
-                instructions: 0,
-                collisions: 0,
-                stray_bytes: 0,
-                line_errors: 0,
-            },
+            counters: BusCounters::default(),
         }
     }
 

@@ -15,7 +15,7 @@
 use embassy_time::{Duration, Instant};
 use protocol::cm5::{Goals, HelloAnswer, Refusal, params_of};
 
-use super::bus_servo::{BusServo, Standing};
+use super::bus_servo::{BusServo, Setup, Standing};
 use super::roster::Roster;
 use super::settings::{BridgeSettings, OnSilence};
 use crate::fmt::warning;
@@ -171,10 +171,9 @@ impl Pc {
         now: Instant,
     ) -> Result<(), Refusal> {
         let goals = Goals::parse(params, roster.agreed());
-        let answer = if self.hello_said.is_some() {
-            HelloAnswer::parse(params, roster.told().count())
-        } else {
-            Err(Refusal::Length(params.len()))
+        let answer = match self.hello_said {
+            Some(_) => HelloAnswer::parse(params, roster.told().count()),
+            None => Err(Refusal::Length(params.len())),
         };
         match (answer, goals) {
             // Both at once are rare (see `protocol::cm5`): whom the bridge has asked may answer.
@@ -199,8 +198,8 @@ impl Pc {
     fn take_answer(&mut self, answer: HelloAnswer<'_>, roster: &mut Roster, now: Instant) {
         let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
         for (place, servo) in told.enumerate() {
-            if let Some(limits) = answer.limits(place) {
-                servo.agree(answer.return_delay, limits);
+            if let Some(setup) = answer.setup(place) {
+                servo.agree(Setup(setup));
             }
         }
         self.report_due = false;

@@ -74,11 +74,6 @@ impl Limits {
         let in_range = Register::CW_LIMIT.accepts(cw) && Register::CCW_LIMIT.accepts(ccw);
         if in_range && cw <= ccw { Ok(Self(bytes)) } else { Err(Refusal::Limits { cw, ccw }) }
     }
-
-    /// As in the registers 6 to 9.
-    pub const fn bytes(self) -> [u8; Self::BYTES] {
-        self.0
-    }
 }
 
 /// The register of `size` bytes at this place, the low byte first; 0 behind the end.
@@ -120,6 +115,12 @@ impl<'a> HelloAnswer<'a> {
     pub fn limits(&self, place: usize) -> Option<Limits> {
         let place = if self.limits.len() == 1 { 0 } else { place };
         self.limits.get(place).copied().map(Limits)
+    }
+
+    /// What the servo at this place is to hold in its registers 5 to 9.
+    pub fn setup(&self, place: usize) -> Option<[u8; 5]> {
+        let [cw_low, cw_high, ccw_low, ccw_high] = self.limits(place)?.0;
+        Some([self.return_delay, cw_low, cw_high, ccw_low, ccw_high])
     }
 
     /// Writes a whole packet into `out` and answers the part it took: with one pair of limits, it
@@ -303,6 +304,7 @@ mod tests {
         let answer = HelloAnswer::parse(params(packet), 2).unwrap();
         assert_eq!(answer.return_delay, 1);
         assert_eq!([0, 1, 2].map(|k| answer.limits(k)), [Some(narrow), Some(wide), None]);
+        assert_eq!(answer.setup(0), Some([1, 0xC8, 0x00, 0x20, 0x03]));
 
         let packet = HelloAnswer::encode(1, &[narrow], &mut buffer).unwrap();
         let answer = HelloAnswer::parse(params(packet), 18).unwrap();
