@@ -12,7 +12,7 @@ use crate::safety::faults::Fault;
 pub enum Command {
     /// Drive DC channels. Targets are in the method's unit: sensor counts, counts per second, or
     /// raw [`Duty`](crate::units::Duty).
-    Drive {
+    MoveMotors {
         /// What the targets are.
         method: Method,
         /// `None` leaves a channel alone.

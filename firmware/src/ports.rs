@@ -146,7 +146,7 @@ pub enum ResetCause {
 /// The processor and its watchdog.
 pub trait SystemPort {
     /// Feeds the watchdog before flash is erased: it must bear
-    /// [`ERASE_PERIOD`](crate::app::ERASE_PERIOD) until it is fed again.
+    /// [`ERASE_PERIOD`](crate::liveness::ERASE_PERIOD) until it is fed again.
     fn before_erase(&mut self);
     /// Whether this program can be started.
     fn can_start(&self, program: Program) -> bool;

@@ -11,7 +11,7 @@ use embassy_time::Duration;
 use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus;
-use protocol::cm5::{Answer, Goal, Goals, Limits, MAX_PACKET};
+use protocol::cm5::{Goals, HelloAnswer, Limits, MAX_PACKET, ServoGoal};
 
 const GOAL: f64 = 0.95;
 
@@ -45,9 +45,9 @@ fn reached(servos: u8, latency_us: u32) -> f64 {
     let mut buffer = [0; MAX_PACKET];
     board.run_for(Duration::from_secs(2));
     let all = [Limits::new(0, 1023).expect("limits")];
-    board.line.host_sends(Answer::encode(1, &all, &mut buffer).expect("an answer"));
+    board.line.host_sends(HelloAnswer::encode(1, &all, &mut buffer).expect("an answer"));
     board.run_for(Duration::from_secs(2));
-    let goal = Goal([1, 0, 0, 0, 32, 32, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+    let goal = ServoGoal([1, 0, 0, 0, 32, 32, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
     let goals = vec![goal; servos.into()];
     let mut second = |board: &mut Cm5Board| {
         for _ in 0..100 {

@@ -22,6 +22,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant};
 use firmware::app;
 use firmware::controller::{Controller, Snapshot};
+use firmware::liveness::WATCHDOG_PERIOD;
 use firmware::personality::Boot;
 use firmware::personality::Session;
 use firmware::personality::pms5005::Pms5005;
@@ -106,7 +107,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
         let line = Line::new(make.line_rate);
         let channels = Rc::new(RefCell::new(Rc::new(Channels::new())));
         let restart = Rc::new(Restart::new());
-        let watchdog = Rc::new(Watchdog::new(app::WATCHDOG_PERIOD));
+        let watchdog = Rc::new(Watchdog::new(WATCHDOG_PERIOD));
         let running = Running::new({
             let (mut rx, mut tx) = line.board_end();
             let mut store = Store::new(flash.clone(), 0..flash::SIZE as u32);

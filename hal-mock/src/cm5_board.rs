@@ -20,9 +20,9 @@ use embassy_futures::join::join3;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant};
-use firmware::app;
-use firmware::personality::cm5::Bridge;
-use firmware::settings::BridgeSettings;
+use firmware::bridge::tasks::{self, BridgeChannels};
+use firmware::bridge::{Bridge, BridgeSettings};
+use firmware::liveness::BRIDGE_WATCHDOG_PERIOD;
 
 use crate::clock;
 use crate::plant::Ax12;
@@ -58,12 +58,12 @@ impl Default for Make {
 
 /// A loop of the bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Task {
-    /// [`app::bridge_receive`].
+pub enum Loop {
+    /// [`tasks::receive`].
     Receive,
-    /// [`app::bridge_transmit`].
+    /// [`tasks::transmit`].
     Transmit,
-    /// [`app::bridge_bus`].
+    /// [`tasks::bus`].
     Bus,
 }
 
@@ -74,7 +74,7 @@ pub struct Cm5Board {
     bridge: Rc<RefCell<Bridge>>,
     restarts: Rc<Cell<u32>>,
     /// What starts the bridge again when it hangs, and what makes it hang.
-    pub watchdog: Rc<Watchdog<Task>>,
+    pub watchdog: Rc<Watchdog<Loop>>,
     /// The line to the PC.
     pub line: Line,
     /// The servos on their bus, in the order they were given.
@@ -89,7 +89,7 @@ impl Cm5Board {
         let bus = MasterEnd::new(ServoBus::new(make.bus, make.servos));
         let new_bridge = move || Bridge::new(make.settings, Instant::now());
         let bridge = Rc::new(RefCell::new(new_bridge()));
-        let watchdog = Rc::new(Watchdog::new(app::BRIDGE_WATCHDOG_PERIOD));
+        let watchdog = Rc::new(Watchdog::new(BRIDGE_WATCHDOG_PERIOD));
         let restarts = Rc::new(Cell::new(0));
         let running = Running::new({
             let (mut pc_rx, mut pc_tx) = line.board_end();
@@ -97,15 +97,14 @@ impl Cm5Board {
             let (bridge, watchdog, restarts) = (bridge.clone(), watchdog.clone(), restarts.clone());
             async move {
                 loop {
-                    let all = app::BridgeChannels::<NoopRawMutex>::new();
+                    let all = BridgeChannels::<NoopRawMutex>::new();
                     let (rx, tx) = (&mut bus_rx, &mut bus_tx);
                     let feed = || watchdog.feed();
                     let watch = &watchdog;
                     let loops = join3(
-                        watch.watch(Task::Receive, app::bridge_receive(&mut pc_rx, &bridge, &all)),
-                        watch
-                            .watch(Task::Transmit, app::bridge_transmit(&mut pc_tx, &bridge, &all)),
-                        watch.watch(Task::Bus, app::bridge_bus(rx, tx, &bridge, &all, feed)),
+                        watch.watch(Loop::Receive, tasks::receive(&mut pc_rx, &bridge, &all)),
+                        watch.watch(Loop::Transmit, tasks::transmit(&mut pc_tx, &bridge, &all)),
+                        watch.watch(Loop::Bus, tasks::bus(rx, tx, &bridge, &all, feed)),
                     );
                     select(loops, watchdog.bites()).await;
                     bridge.replace(new_bridge());

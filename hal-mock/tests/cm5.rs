@@ -9,7 +9,9 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 use program::{Board, PATIENCE, program, refused};
-use protocol::cm5::{Answer, Goal, Goals, Hello, Limits, MAX_PACKET, Receiver, Report, params_of};
+use protocol::cm5::{
+    Goals, Hello, HelloAnswer, Limits, MAX_PACKET, Receiver, Report, ServoGoal, params_of,
+};
 use serde_json::json;
 
 /// The PC of a running CM-5.
@@ -62,9 +64,9 @@ fn a_pc_is_greeted_drives_servos_and_sees_one_go_and_come_back() {
     assert_eq!(pc.hello(), [3, 7, 8]);
     let mut buffer = [0; MAX_PACKET];
     let all = [Limits::new(100, 900).unwrap()];
-    pc.stream.write_all(Answer::encode(1, &all, &mut buffer).unwrap()).unwrap();
+    pc.stream.write_all(HelloAnswer::encode(1, &all, &mut buffer).unwrap()).unwrap();
     pc.report(&[true; 3]);
-    let goal = Goal([1, 0, 0, 0, 32, 32, 44, 1, 0, 0, 0, 0, 0, 0, 0]);
+    let goal = ServoGoal([1, 0, 0, 0, 32, 32, 44, 1, 0, 0, 0, 0, 0, 0, 0]);
     pc.stream.write_all(Goals::encode(&[goal; 3], &mut buffer).unwrap()).unwrap();
     let state = board.until(|state| state["servos"][1]["goal"] == 300);
     let servo = &state["servos"][1];
@@ -111,7 +113,7 @@ fn a_pc_that_has_not_read_for_a_while_soon_hears_the_newest_report() {
     assert_eq!(pc.hello().len(), 18);
     let mut buffer = [0; MAX_PACKET];
     let all = [Limits::new(0, 1023).unwrap()];
-    pc.stream.write_all(Answer::encode(1, &all, &mut buffer).unwrap()).unwrap();
+    pc.stream.write_all(HelloAnswer::encode(1, &all, &mut buffer).unwrap()).unwrap();
     pc.report(&[true; 18]);
     // Some 500 reports go by, of which it reads none.
     let sent = |board: &Board| board.state()["bridge"]["pc"]["reports_sent"].as_u64().unwrap();

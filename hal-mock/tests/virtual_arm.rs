@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use program::{Board, PATIENCE, program, refused};
 use protocol::arcos::{
-    ArmCommand, ArmInfo, ArmStatus, Joint, Names, Packet, Receiver, StatusRequest, extension,
+    ArmCommand, ArmInfo, ArmStatus, JointNumber, Names, Packet, Receiver, StatusRequest, extension,
 };
 use protocol::extension::{Action, Assignments, Request, Verdict};
 use protocol::pms5005::Data;
@@ -90,7 +90,7 @@ fn over_tcp(board: &Board) -> Host<TcpStream> {
 }
 
 fn position(joint: u8, ticks: u8) -> ArmCommand {
-    ArmCommand::Position { joint: Joint::new(joint).unwrap(), ticks }
+    ArmCommand::Position { joint: JointNumber::new(joint).unwrap(), ticks }
 }
 
 #[test]

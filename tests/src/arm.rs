@@ -6,8 +6,8 @@ use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::flash::Flash;
 use hal_mock::wire::Line;
 use protocol::arcos::{
-    Arcos, Argument, ArmCommand, ArmStatus, JOINTS, Joint, Packet, SYNC, Standard, StatusRequest,
-    command, encode_command,
+    Arcos, Argument, ArmCommand, ArmStatus, JOINTS, JointNumber, Packet, SYNC, Standard,
+    StatusRequest, command, encode_command,
 };
 
 use crate::extension::Extended;
@@ -210,6 +210,6 @@ impl Arm {
 }
 
 /// A joint by its number from 1.
-pub fn number(joint: u8) -> Joint {
-    Joint::new(joint).unwrap()
+pub fn number(joint: u8) -> JointNumber {
+    JointNumber::new(joint).unwrap()
 }

@@ -3,12 +3,13 @@
 use std::ops::{Deref, DerefMut};
 
 use embassy_time::{Duration, Instant};
-use firmware::personality::cm5::ServoCounters;
+use firmware::bridge::ServoCounters;
 use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::wire::Line;
 use protocol::cm5::{
-    Answer, Cm5, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Report, encode, params_of,
+    Cm5, Feedback, Goals, Hello, HelloAnswer, Limits, MAX_PACKET, Report, ServoGoal, encode,
+    params_of,
 };
 use protocol::dynamixel::Register;
 
@@ -74,7 +75,7 @@ pub fn servos(ids: impl IntoIterator<Item = u8>) -> Vec<Ax12> {
 }
 
 /// A goal that drives, and is told apart from others.
-pub fn goal(position: u16) -> Goal {
+pub fn goal(position: u16) -> ServoGoal {
     [
         (Register::TORQUE_ENABLE, 1),
         (Register::CW_MARGIN, 1),
@@ -87,7 +88,7 @@ pub fn goal(position: u16) -> Goal {
         (Register::PUNCH, 32),
     ]
     .into_iter()
-    .fold(Goal::default(), |goal, (register, value)| goal.with(register, value))
+    .fold(ServoGoal::default(), |goal, (register, value)| goal.with(register, value))
 }
 
 /// Limits that are good ones.
@@ -132,22 +133,22 @@ impl Bench {
     /// Answers a hello.
     pub fn answer(&mut self, return_delay: u8, limits: &[Limits]) {
         let mut buffer = [0; MAX_PACKET];
-        self.board.line.host_sends(Answer::encode(return_delay, limits, &mut buffer).unwrap());
+        self.board.line.host_sends(HelloAnswer::encode(return_delay, limits, &mut buffer).unwrap());
     }
 
     /// Sends goals, one a servo.
-    pub fn send_goals(&mut self, goals: &[Goal]) {
+    pub fn send_goals(&mut self, goals: &[ServoGoal]) {
         let mut buffer = [0; MAX_PACKET];
         self.board.line.host_sends(Goals::encode(goals, &mut buffer).unwrap());
     }
 
     /// The same for all servos agreed on.
-    pub fn send_goal(&mut self, goal: Goal) {
+    pub fn send_goal(&mut self, goal: ServoGoal) {
         self.send_goals(&vec![goal; self.agreed]);
     }
 
     /// Lets time pass while the PC sends goals 20 times a second.
-    pub fn run_alive_ms(&mut self, ms: u64, goal: Goal) {
+    pub fn run_alive_ms(&mut self, ms: u64, goal: ServoGoal) {
         for _ in 0..ms / 50 {
             self.send_goal(goal);
             self.run_ms(50);
@@ -209,8 +210,8 @@ impl PcHost {
     }
 
     /// The goal that a servo holds in its registers.
-    pub fn goal_of(&self, servo: usize) -> Goal {
-        Goal::REGISTERS.into_iter().fold(Goal::default(), |goal, register| {
+    pub fn goal_of(&self, servo: usize) -> ServoGoal {
+        ServoGoal::REGISTERS.into_iter().fold(ServoGoal::default(), |goal, register| {
             goal.with(register, self.register(servo, register))
         })
     }

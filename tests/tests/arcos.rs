@@ -7,9 +7,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
 use protocol::arcos::{
-    Argument, ArmCommand, ArmInfo, ArmStatus, BadArgument, Dialect, EncodeError, JOINTS, Joint,
-    JointInfo, Joints, MAX_RECEIVED, MotionBits, Names, Packet, Receiver, Refusal, SYNC, Standard,
-    StatusRequest, encode_command,
+    Argument, ArmCommand, ArmInfo, ArmStatus, BadArgument, Dialect, EncodeError, JOINTS, JointInfo,
+    JointNumber, Joints, MAX_RECEIVED, MotionBits, Names, Packet, Receiver, Refusal, SYNC,
+    Standard, StatusRequest, encode_command,
 };
 
 const MANUAL: Dialect = Dialect::Manual(MotionBits::OneToSix);
@@ -60,7 +60,7 @@ fn the_vectors_of_the_facts() {
     let mut out = [0; 200];
     assert_eq!(encode_command(4, Some(Argument::Positive(1)), &mut out).unwrap(), enable);
     let pos = [0xFA, 0xFB, 0x06, 0x4D, 0x3B, 0x1B, 0x01, 0x68, 0x3C];
-    let command = ArmCommand::Position { joint: Joint::new(1).unwrap(), ticks: 0x1B };
+    let command = ArmCommand::Position { joint: JointNumber::new(1).unwrap(), ticks: 0x1B };
     assert_eq!(command.encode(&mut out).unwrap(), pos);
     let (packets, _) = hear([&[enable, pos].concat()[..]]);
     assert_eq!(packets, [enable, pos]);
@@ -97,8 +97,8 @@ fn the_three_types_of_argument() {
     }
 }
 
-fn joint(number: u8) -> Joint {
-    Joint::new(number).unwrap()
+fn joint(number: u8) -> JointNumber {
+    JointNumber::new(number).unwrap()
 }
 
 #[test]
@@ -289,11 +289,11 @@ fn counts_outside_their_bounds_do_not_cost_the_packet_behind_them() {
 }
 
 fn joints() -> impl Strategy<Value = Joints> {
-    prop_oneof![Just(Joints::All), select(Joint::ALL.to_vec()).prop_map(Joints::One)]
+    prop_oneof![Just(Joints::All), select(JointNumber::ALL.to_vec()).prop_map(Joints::One)]
 }
 
 fn command() -> impl Strategy<Value = ArmCommand> {
-    let one = || select(Joint::ALL.to_vec());
+    let one = || select(JointNumber::ALL.to_vec());
     let requests = vec![StatusRequest::Stop, StatusRequest::Once, StatusRequest::Stream];
     prop_oneof![
         select(vec![ArmCommand::Info, ArmCommand::Init, ArmCommand::Check, ArmCommand::Park]),

@@ -98,7 +98,12 @@ fn compare(seconds: i64) -> [(f64, f64); 2] {
         let mut ask = |channel: usize, method, target: i64, periods: i64| {
             let mut targets = [None; 6];
             targets[channel] = Some(target as i16);
-            commands.push(Command::Drive { method, targets, periods: periods as u16, origin: 0 });
+            commands.push(Command::MoveMotors {
+                method,
+                targets,
+                periods: periods as u16,
+                origin: 0,
+            });
         };
         if ms == velocity_until {
             let Asked { target, lasts, .. } = velocity(&mut random, ms);

@@ -12,7 +12,7 @@ use firmware::command::Command;
 use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
-use firmware::personality::{MAX_FRAME, Request, Session};
+use firmware::personality::{Effect, MAX_FRAME, Session};
 use firmware::ports::Sensors;
 use firmware::safety::faults::Fault;
 use firmware::settings::{ControlSettings, Settings, SoftLimits};
@@ -181,7 +181,7 @@ impl Model {
     /// A command that was taken: `before` is what was true when it came.
     fn take(&mut self, command: &Command, before: &Snapshot) {
         match *command {
-            Command::Drive { targets, .. } => {
+            Command::MoveMotors { targets, .. } => {
                 for (channel, target) in Channel::ALL.into_iter().zip(targets) {
                     self.motors[channel.index()] |=
                         target.is_some() && !before.faults.stops_motor(channel);
@@ -319,7 +319,7 @@ fn chaos(seed: u64) -> [u32; 32] {
         let mut adopted = None;
         let command = loop {
             match session.receive(&mut bytes, now) {
-                Some(Request::Control(command)) => {
+                Some(Effect::Control(command)) => {
                     if matches!(command, Command::Adopt) {
                         adopted = Some(session.settings().control);
                     }

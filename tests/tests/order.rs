@@ -3,11 +3,11 @@
 use embassy_time::Instant;
 use firmware::command::Command;
 use firmware::personality::pms5005::Pms5005;
-use firmware::personality::{Boot, Request, Session};
+use firmware::personality::{Boot, Effect, Session};
 use firmware::settings::HostGains;
 use firmware::settings::{ControlSettings, Settings};
 use hal_mock::board::Make;
-use protocol::extension::{Answer, Assignments, Request as Asked, Verdict};
+use protocol::extension::{Answer, Assignments, Request, Verdict};
 use protocol::pms5005::{
     self as wire, Addressing, Channel, Data, Frame, Gain, Loop, Method, Move, Parameter, Quantity,
     Sensor, did,
@@ -43,7 +43,7 @@ fn a_motion_command_behind_a_save_and_new_parameters_finds_them() {
 }
 
 /// What a session asks of the controller for one frame, and what settings are in force then.
-fn asked(did: u8, data: &[u8]) -> (Vec<Request>, ControlSettings) {
+fn asked(did: u8, data: &[u8]) -> (Vec<Effect>, ControlSettings) {
     let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
     let mut buffer = [0; 264];
     let frame = Frame { rid: 1, res: 0, did, data }.encode(&mut buffer).unwrap();
@@ -66,7 +66,7 @@ fn the_parameters_of_a_frame_are_one_command_and_so_are_settings_set_together() 
         channel.position = HostGains { kp: 100, ..HostGains::DEFAULT };
     }
     let asked_for = asked(did::PARAMETERS, &data);
-    let one = vec![Request::Control(Command::Adopt)];
+    let one = vec![Effect::Control(Command::Adopt)];
     assert_eq!(asked_for, (one.clone(), settings.control));
 
     let mut settings = Settings::DEFAULT;
@@ -123,7 +123,7 @@ fn settings_sent_behind_a_factory_reset_are_refused_and_do_not_reach_the_control
         .collect();
     assert_eq!(outcomes, [Verdict::Busy, Verdict::Done], "the setting, then the reset");
     bench.received();
-    bench.send(wire::Command::Extension(Asked::Setting(LINK_TIMEOUT)));
+    bench.send(wire::Command::Extension(Request::Setting(LINK_TIMEOUT)));
     bench.run_ms(20);
     let told =
         bench.received().iter().find_map(|frame| match Answer::parse(frame.did, &frame.data) {

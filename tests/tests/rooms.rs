@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room imports only from those before it.
-const ROOMS: [&str; 15] = [
+const ROOMS: [&str; 16] = [
     "fmt",
     "units",
     "channel",
@@ -15,6 +15,7 @@ const ROOMS: [&str; 15] = [
     "safety",
     "command",
     "controller",
+    "liveness",
     "reception",
     "personality",
     "app",

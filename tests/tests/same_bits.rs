@@ -80,13 +80,13 @@ fn the_controller_gives_these_bits_on_every_machine() {
             _ => None,
         };
         let commands = match period % 1000 {
-            100 => Some(Command::Drive {
+            100 => Some(Command::MoveMotors {
                 method: Method::Position,
                 targets: all(random(4096) as i16),
                 periods: 300,
                 origin: 0,
             }),
-            400 => Some(Command::Drive {
+            400 => Some(Command::MoveMotors {
                 method: Method::Velocity,
                 targets: [None, Some(random(6000) as i16 - 3000), None, None, Some(900), None],
                 periods: random(100) as u16,
@@ -95,7 +95,7 @@ fn the_controller_gives_these_bits_on_every_machine() {
             700 => {
                 Some(Command::MoveServos { targets: all(1000 + random(5000) as i16), periods: 250 })
             }
-            800 => Some(Command::Drive {
+            800 => Some(Command::MoveMotors {
                 method: Method::Pwm,
                 targets: [None, None, None, None, None, Some(random(32_768) as i16 - 16_384)],
                 periods: random(200) as u16,

@@ -1,4 +1,4 @@
-//! The tasks: the only place where time passes and I/O happens.
+//! The tasks of a controller: where time passes and I/O happens.
 //!
 //! ```text
 //!            ┌───────── link ─────────┐  Command   ┌── control, 1 kHz ──┐
@@ -12,16 +12,14 @@
 //!  upkeep: saves settings and restarts the board, while control is held back with nothing driven
 //! ```
 //!
-//! The CM-5 has no controller and other tasks: [`bridge`].
+//! The CM-5 has no controller and other tasks: [`bridge::tasks`](crate::bridge::tasks).
 //!
 //! The functions are generic; an image wraps each in a thin task, `control` on an interrupt
 //! executor above everything else. All channels are made by `main` ([`Channels`]) and passed by
 //! reference, and so is whatever has a state, since a future would hold what it is given several
 //! times over; there are no statics here.
 
-mod bridge;
 mod latest;
-mod liveness;
 
 use core::cell::RefCell;
 
@@ -37,16 +35,15 @@ use embedded_storage::nor_flash::NorFlash;
 
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
-use crate::personality::{MAX_FRAME, Picture, Request, Session, Upkeep, UpkeepRefused};
+use crate::liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
+use crate::personality::{Effect, MAX_FRAME, Picture, Session, Upkeep, UpkeepRefused};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
+use crate::reception::{CHUNK, LINE_DOWN};
 use crate::safety::faults::Fault;
 use crate::settings::store::Store;
 use crate::settings::{ControlSettings, Settings};
 use crate::units::CONTROL_PERIOD_MS;
-pub use bridge::{BridgeChannels, bridge, bridge_bus, bridge_receive, bridge_transmit};
 pub use latest::Latest;
-pub use liveness::{BRIDGE_WATCHDOG_PERIOD, ERASE_PERIOD, WATCHDOG_PERIOD};
-use liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
 
 /// Commands that may wait for the next control period. The shortest motion command takes 1 ms at
 /// 115200 baud, so a period brings two at most. A full queue makes the link wait, and the line's buffer
@@ -55,8 +52,6 @@ pub const COMMANDS: usize = 4;
 /// Pictures that may wait for the display. They come every 6.4 ms at 115200 baud at the most; one
 /// that finds no room is dropped and counted.
 pub const PICTURES: usize = 2;
-/// Bytes taken from the line at once. 64 bytes take 5.6 ms at 115200 baud.
-const CHUNK: usize = 64;
 const CONTROL_PERIOD: Duration = Duration::from_millis(CONTROL_PERIOD_MS as u64);
 /// How long the last answer of a program has to leave before another is started: an answer and an
 /// acknowledgement behind the longest frame take 25 ms at 115200 baud.
@@ -118,7 +113,8 @@ impl<M: RawMutex, C: Copy + Default> Default for Channels<M, C> {
 }
 
 /// Runs the controller once every control period, and feeds the watchdog: `feed` is told whether
-/// anything is driven. The watchdog must bear [`WATCHDOG_PERIOD`]. Deadline: the period, 1 ms.
+/// anything is driven. The watchdog must bear
+/// [`WATCHDOG_PERIOD`](crate::liveness::WATCHDOG_PERIOD). Deadline: the period, 1 ms.
 pub async fn control<M: RawMutex, C: Copy>(
     port: &mut impl MotionPort,
     controller: &mut Controller,
@@ -175,7 +171,7 @@ fn period_before(now: Instant) -> Instant {
 const LOOK_LEAD: Duration = Duration::from_micros(150);
 
 /// When a line that does not wake anybody is looked at next: once a control period, shortly before
-/// it. From the last byte of a command to control it takes a period and [`LOOK_LEAD`] at most.
+/// it. From the last byte of a command to control it takes a period and `LOOK_LEAD` at most.
 pub fn next_look(now: Instant) -> Instant {
     period_before(now + LOOK_LEAD) + CONTROL_PERIOD - LOOK_LEAD
 }
@@ -319,7 +315,7 @@ pub async fn link<M: RawMutex, S: Session>(
                 });
                 channels.signs_of_life.set(&session.borrow().signs_of_life());
                 match request {
-                    Some(Request::Control(command)) => {
+                    Some(Effect::Control(command)) => {
                         if matches!(command, Command::Adopt) {
                             // There is room when the ones before are in force.
                             while !channels.settings.is_empty() {
@@ -330,7 +326,7 @@ pub async fn link<M: RawMutex, S: Session>(
                         }
                         channels.commands.send(command).await;
                     }
-                    Some(Request::Upkeep(upkeep)) => {
+                    Some(Effect::Upkeep(upkeep)) => {
                         while !channels.commands.is_empty() {
                             Timer::after(CONTROL_PERIOD).await;
                         }
@@ -341,7 +337,7 @@ pub async fn link<M: RawMutex, S: Session>(
                             channels.hold.set(&false);
                         }
                     }
-                    Some(Request::Show(picture)) => {
+                    Some(Effect::Show(picture)) => {
                         // A display that hangs must not hold up the command that stops a motor.
                         if channels.pictures.try_send(picture).is_err() {
                             session.borrow_mut().picture_dropped();
@@ -383,6 +379,3 @@ pub async fn link<M: RawMutex, S: Session>(
     join(receive, transmit).await;
     unreachable!("both loops are endless")
 }
-
-/// How long a line that failed is left alone.
-const LINE_DOWN: Duration = Duration::from_millis(1);

@@ -13,10 +13,9 @@ use embassy_executor::Spawner;
 use embassy_stm32::bind_interrupts;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::Instant;
-use firmware::app;
 use firmware::board::{self, BridgeBoard};
-use firmware::personality::cm5::Bridge;
-use firmware::settings::BridgeSettings;
+use firmware::bridge::tasks::{self, BridgeChannels};
+use firmware::bridge::{Bridge, BridgeSettings};
 use static_cell::StaticCell;
 
 const SETTINGS: BridgeSettings = BridgeSettings::DEFAULT;
@@ -34,7 +33,7 @@ async fn main(_spawner: Spawner) {
     let BridgeBoard { pc_rx, pc_tx, bus_rx, bus_tx, watchdog } =
         BOARD.init_with(|| board::start_bridge(SETTINGS.pc_baud, Irqs));
     let bridge = BRIDGE.init_with(|| RefCell::new(Bridge::new(SETTINGS, Instant::now())));
-    let channels = app::BridgeChannels::<NoopRawMutex>::new();
+    let channels = BridgeChannels::<NoopRawMutex>::new();
     let (pc, bus) = ((pc_rx, pc_tx), (bus_rx, bus_tx));
-    app::bridge(pc, bus, bridge, &channels, || watchdog.feed(false)).await;
+    tasks::run(pc, bus, bridge, &channels, || watchdog.feed(false)).await;
 }

@@ -36,12 +36,12 @@ use embassy_sync::signal::Signal;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::drives::Lines;
-use crate::personality::cm5::MAX_REQUEST;
+use crate::bridge::MAX_INSTRUCTION;
 
 /// The servos' (AX-12, register 4 at 1).
 const BAUD: u32 = 1_000_000;
 
-/// Room for what is heard while the bridge is busy: the longest request, whose echo is read when
+/// Room for what is heard while the bridge is busy: the longest instruction, whose echo is read when
 /// all of it has left, and an answer, 157 bytes in all.
 const RING: usize = 256;
 
@@ -53,7 +53,7 @@ pub struct Bus {
     heard: Pipe<CriticalSectionRawMutex, RING>,
     /// Something was heard that is not there.
     lost: AtomicBool,
-    outgoing: Pipe<CriticalSectionRawMutex, MAX_REQUEST>,
+    outgoing: Pipe<CriticalSectionRawMutex, MAX_INSTRUCTION>,
     sent: Signal<CriticalSectionRawMutex, ()>,
 }
 
@@ -174,11 +174,11 @@ impl ErrorType for Sender {
 }
 
 impl Write for Sender {
-    /// Of a request, no more than [`MAX_REQUEST`] bytes.
-    async fn write(&mut self, request: &[u8]) -> Result<usize, Self::Error> {
-        let count = request.len().min(MAX_REQUEST);
+    /// Of an instruction, no more than [`MAX_INSTRUCTION`] bytes.
+    async fn write(&mut self, instruction: &[u8]) -> Result<usize, Self::Error> {
+        let count = instruction.len().min(MAX_INSTRUCTION);
         self.bus.sent.reset();
-        self.bus.outgoing.write_all(&request[..count]).await; // there is room: the last has left
+        self.bus.outgoing.write_all(&instruction[..count]).await; // there is room: the last has left
         self.bus.send();
         self.bus.sent.wait().await;
         Ok(count)

@@ -46,7 +46,7 @@ use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
 use super::{Board, boot, drives, flash, line, motion, sensing, system};
-use crate::app::WATCHDOG_PERIOD;
+use crate::liveness::WATCHDOG_PERIOD;
 use crate::settings::store::Store;
 
 /// The ST-LINK's MCO drives OSC_IN.

@@ -22,7 +22,7 @@ use embassy_stm32::usart::{Config, Instance, RxDma, RxPin, TxDma, TxPin};
 
 /// Room for what arrives while nobody looks. At 115200 baud 256 bytes take 22 ms, and the longest
 /// hold-up of the link's task is a picture's 2 ms on the display. At 1 Mbaud, the CM-5's, they take
-/// 2.56 ms: a look comes after 1 ms, another 1 ms after an error (`LINE_DOWN` in `app`), and the
+/// 2.56 ms: a look comes after 1 ms, another 1 ms after an error (`reception::LINE_DOWN`), and the
 /// only task has no picture to show; 0.5 ms are to spare. The length of a packet does not matter,
 /// since a reader that finds bytes comes back for more at once.
 const RING: usize = 256;

@@ -85,7 +85,7 @@ use crate::ports::ResetCause;
 use embassy_stm32::gpio::Speed;
 use embassy_stm32::interrupt::typelevel::{Binding, Handler, USART6};
 
-use crate::app::BRIDGE_WATCHDOG_PERIOD;
+use crate::liveness::BRIDGE_WATCHDOG_PERIOD;
 use crate::settings::store::Store;
 use selected::{BUS, CLOCK, DRIVES, Irqs, enables, outputs};
 pub use system::stack_used;
@@ -112,7 +112,7 @@ pub struct Board {
     pub reset: ResetCause,
 }
 
-/// The parts of a board between a PC and a servo bus, for `app::bridge`. The outputs are in their
+/// The parts of a board between a PC and a servo bus, for `bridge::tasks`. The outputs are in their
 /// safe state, and nobody can change it.
 pub struct BridgeBoard {
     /// From the PC.
@@ -123,7 +123,7 @@ pub struct BridgeBoard {
     pub bus_rx: bus::Receiver,
     /// Sends on the bus.
     pub bus_tx: bus::Sender,
-    /// For `app::bridge`.
+    /// For `bridge::tasks`.
     pub watchdog: watchdog::Watchdog,
 }
 

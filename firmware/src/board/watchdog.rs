@@ -13,7 +13,7 @@ use embassy_stm32::pac::{DBGMCU, IWDG};
 use embassy_stm32::peripherals;
 use embassy_time::Duration;
 
-use crate::app::ERASE_PERIOD;
+use crate::liveness::ERASE_PERIOD;
 
 /// The LSI's cycles that make one of the counter's.
 const PRESCALER: Pr = Pr::DIVIDE_BY8;

@@ -358,7 +358,7 @@ impl Controller {
         motion: &MotionInputs,
     ) -> Result<(), Refused> {
         match *command {
-            Command::Drive { method, targets, periods, origin } => {
+            Command::MoveMotors { method, targets, periods, origin } => {
                 self.go(method, &targets, periods, origin, motion)
             }
             Command::MoveServos { .. } | Command::SlewServos(_)

@@ -22,7 +22,7 @@ pub enum Reason {
     Refused {
         /// Why.
         why: AxisRefusal,
-        /// The command's [origin](crate::command::Command::Drive::origin).
+        /// The command's [origin](crate::command::Command::MoveMotors::origin).
         origin: u8,
     },
     /// It is held at a soft limit.

@@ -10,11 +10,11 @@ use embassy_time::{Duration, Instant};
 use heapless::Deque;
 use protocol::extension::{
     self as wire, Action, Answer, Assignments, ChannelState, Counters, Health, Identity, Latched,
-    MachineState, Mode, Outcome, Refusals, Request as Asked, VERSION, Verdict, did, flag,
+    MachineState, Mode, Outcome, Refusals, Request, VERSION, Verdict, did, flag,
 };
 use protocol::pms5005::Repeat;
 
-use super::{Request, Upkeep, UpkeepRefused, count};
+use super::{Effect, Upkeep, UpkeepRefused, count};
 use crate::channel::{CHANNELS, Channel, ENCODERS, Scope};
 use crate::command::Command;
 use crate::control::axis::{AxisRefusal, SetPoint};
@@ -188,14 +188,14 @@ impl Extension {
         &mut self,
         now: Instant,
         snapshot: &Snapshot,
-    ) -> (Option<Owed>, Option<Request>) {
+    ) -> (Option<Owed>, Option<Effect>) {
         if self.looks_at().is_none_or(|at| at > now) {
             return (None, None);
         }
         if let Some((channel, count)) = self.asked_count.take() {
             let is_off = !snapshot.outputs.motors[channel.index()].enabled;
             let verdict = if is_off { Verdict::Done } else { Verdict::OutputsOn };
-            let set = is_off.then_some(Request::Control(Command::SetCount { channel, count }));
+            let set = is_off.then_some(Effect::Control(Command::SetCount { channel, count }));
             return (Some(Owed::Outcome(Outcome::of_count(verdict))), set);
         }
         let Some((place, at)) = self.asked_fault.as_mut() else { return (None, None) };
@@ -243,29 +243,29 @@ impl Extension {
     /// if it is known yet, and what is asked of the board.
     pub(super) fn respond(
         &mut self,
-        request: Asked<'_>,
+        request: Request<'_>,
         now: Instant,
-    ) -> (Option<Owed>, Option<Request>) {
+    ) -> (Option<Owed>, Option<Effect>) {
         match request {
-            Asked::Setting(number) if self.settings.describe(number).is_none() => {
+            Request::Setting(number) if self.settings.describe(number).is_none() => {
                 let asked = number.to_le_bytes();
                 let verdict = Verdict::NoSuchSetting;
                 let outcome = Outcome::of(did::SETTING, &asked, verdict);
                 (Some(Owed::Outcome(Outcome { setting: number, ..outcome })), None)
             }
-            Asked::Setting(number) => (Some(Owed::Setting(number)), None),
-            Asked::Identity => (Some(Owed::Identity), None),
-            Asked::Counters => (Some(Owed::Counters), None),
-            Asked::Fault(place) if self.asked_fault.is_some() => {
+            Request::Setting(number) => (Some(Owed::Setting(number)), None),
+            Request::Identity => (Some(Owed::Identity), None),
+            Request::Counters => (Some(Owed::Counters), None),
+            Request::Fault(place) if self.asked_fault.is_some() => {
                 let outcome = Outcome::of(did::FAULT, &[place], Verdict::Busy);
                 (Some(Owed::Outcome(outcome)), None)
             }
-            Asked::Fault(place) => {
+            Request::Fault(place) => {
                 self.asked_fault = Some((place, now.saturating_add(RECORD_SHOWN)));
-                (None, Some(Request::Control(Command::ShowFault(place))))
+                (None, Some(Effect::Control(Command::ShowFault(place))))
             }
-            Asked::Refusals => (Some(Owed::Refusals), None),
-            Asked::SetCount { channel, count } => {
+            Request::Refusals => (Some(Owed::Refusals), None),
+            Request::SetCount { channel, count } => {
                 let verdict = match Channel::ALL.get(usize::from(channel)) {
                     Some(channel) if channel.index() >= ENCODERS => Verdict::NotAvailable,
                     None => Verdict::OutOfRange,
@@ -277,14 +277,14 @@ impl Extension {
                 };
                 (Some(Owed::Outcome(Outcome::of_count(verdict))), None)
             }
-            Asked::Health(_) | Asked::State(_) => (None, None),
-            Asked::Set(assignments) => self.set(assignments),
-            Asked::Do(action) => self.act(action),
+            Request::Health(_) | Request::State(_) => (None, None),
+            Request::Set(assignments) => self.set(assignments),
+            Request::Do(action) => self.act(action),
         }
     }
 
     /// Sets all of them or none. None while a factory reset is pending, which would undo them.
-    fn set(&mut self, assignments: Assignments<'_>) -> (Option<Owed>, Option<Request>) {
+    fn set(&mut self, assignments: Assignments<'_>) -> (Option<Owed>, Option<Effect>) {
         let outcome = Outcome::of(did::PARAMETERS, assignments.as_bytes(), Verdict::Done);
         if self.upkeep == Some(Action::FactoryReset) {
             return (Some(Owed::Outcome(Outcome { verdict: Verdict::Busy, ..outcome })), None);
@@ -307,16 +307,16 @@ impl Extension {
     }
 
     /// Puts settings into force here, and yields what does so in the controller.
-    pub(super) fn force(&mut self, settings: Settings) -> Request {
+    pub(super) fn force(&mut self, settings: Settings) -> Effect {
         self.settings = settings;
-        Request::Control(Command::Adopt)
+        Effect::Control(Command::Adopt)
     }
 
-    fn act(&mut self, action: Action) -> (Option<Owed>, Option<Request>) {
+    fn act(&mut self, action: Action) -> (Option<Owed>, Option<Effect>) {
         let upkeep = match action {
             Action::ClearFaults => {
                 let outcome = Outcome::of_action(action, Verdict::Done);
-                let clear = Request::Control(Command::ClearFaults(Scope::All));
+                let clear = Effect::Control(Command::ClearFaults(Scope::All));
                 return (Some(Owed::Outcome(outcome)), Some(clear));
             }
             _ if self.upkeep.is_some() => {
@@ -327,14 +327,14 @@ impl Extension {
             Action::RebootIntoDfu => Upkeep::Start(Program::DfuLoader),
         };
         self.upkeep = Some(action);
-        (None, Some(Request::Upkeep(upkeep)))
+        (None, Some(Effect::Upkeep(upkeep)))
     }
 
     /// What came of the upkeep: the answer to it, and what is asked of the board.
     pub(super) fn done(
         &mut self,
         result: Result<(), UpkeepRefused>,
-    ) -> (Option<Owed>, Option<Request>) {
+    ) -> (Option<Owed>, Option<Effect>) {
         let Some(action) = self.upkeep.take() else { return (None, None) };
         let verdict = match result {
             Ok(()) => Verdict::Done,

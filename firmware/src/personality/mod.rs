@@ -1,26 +1,26 @@
 //! Personalities: how a controller of old presents itself to its host.
 //!
-//! A [`Session`] is one without I/O: bytes and the time go in, [`Request`]s and bytes come out. It
+//! A [`Session`] is one without I/O: bytes and the time go in, [`Effect`]s and bytes come out. It
 //! knows the wire and the controller's vocabulary, never a port. `app::link` runs any of them.
 //!
-//! The CM-5 is none: it has no controller, but a second line to servos of its own. Its
-//! [`cm5::Bridge`] is run by `app::bridge`.
+//! The CM-5 is none: it has no controller, but a second line to servos of its own. It is the
+//! [`bridge`](crate::bridge).
 
-pub mod cm5;
 mod extension;
 pub mod pioneer_arm;
 pub mod pms5005;
-mod reception;
 
 use embassy_time::Instant;
+use protocol::deframe::{Framing, Reception};
+use protocol::extension::Counters;
 
 use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::ports::Program;
+use crate::reception::{TimedReceiver, count};
 use crate::settings::Settings;
 
 pub use extension::Boot;
-use reception::TimedReceiver;
 
 /// Room for the longest frame that any session sends: the PMS5005's machine state. A task that is silent
 /// for more than 90 ms counts as hung (`app`): at 115200 baud these take 12 ms; an arm's 84 at its 9600
@@ -29,7 +29,7 @@ pub const MAX_FRAME: usize = 133;
 
 /// What a host asks of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Request {
+pub enum Effect {
     /// Something of the controller. What a [`Command::Adopt`] puts into force,
     /// [`settings`](Session::settings) tells.
     Control(Command),
@@ -77,7 +77,7 @@ pub trait Session {
     /// Takes bytes from the front of `bytes` until they ask something of the board, or are all
     /// taken (`None`). Call it until it answers `None`; with no bytes it looks only whether a frame
     /// has been waiting for its rest too long.
-    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request>;
+    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Effect>;
 
     /// The settings in force.
     fn settings(&self) -> &Settings;
@@ -86,7 +86,7 @@ pub trait Session {
     fn to_save(&self) -> &Settings;
 
     /// What time alone asks of the board. Call it until it answers `None`.
-    fn advance(&mut self, _now: Instant, _snapshot: &Snapshot) -> Option<Request> {
+    fn advance(&mut self, _now: Instant, _snapshot: &Snapshot) -> Option<Effect> {
         None
     }
 
@@ -111,7 +111,7 @@ pub trait Session {
 
     /// What came of the [`Upkeep`] that it has asked for, and what that asks of the board. A program
     /// that can be started will be, a moment later.
-    fn upkeep_done(&mut self, _result: Result<(), UpkeepRefused>) -> Option<Request> {
+    fn upkeep_done(&mut self, _result: Result<(), UpkeepRefused>) -> Option<Effect> {
         None
     }
 
@@ -125,7 +125,10 @@ pub trait Session {
     fn signs_of_life(&self) -> u32;
 }
 
-/// Counters wrap.
-fn count(counter: &mut u32, more: u32) {
-    *counter = counter.wrapping_add(more);
+impl<F: Framing, const N: usize> TimedReceiver<F, N> {
+    /// A session's counters, with what the receiver has counted.
+    fn counted(&self, counters: Counters) -> Counters {
+        let Reception { frames_ok, bad_frames, bytes_skipped, .. } = self.reception();
+        Counters { frames_ok, bad_frames, bytes_skipped, ..counters }
+    }
 }

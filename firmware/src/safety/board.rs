@@ -35,7 +35,7 @@ pub struct BoardMonitor {
 
 impl BoardMonitor {
     /// One period: what has tripped, if anything, and the first values of
-    /// [`Fault::values`]. Whatever lasts, trips again and again.
+    /// the record of the fault. Whatever lasts, trips again and again.
     pub fn step(
         &mut self,
         now: &Sensors,

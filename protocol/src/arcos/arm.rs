@@ -13,15 +13,15 @@ pub const JOINTS: usize = 6;
 /// A joint, 1 to 6; 6 is the gripper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Joint(u8);
+pub struct JointNumber(u8);
 
-impl Joint {
+impl JointNumber {
     /// All joints, in order.
     pub const ALL: [Self; JOINTS] = [Self(1), Self(2), Self(3), Self(4), Self(5), Self(6)];
     /// The gripper.
     pub const GRIPPER: Self = Self(6);
 
-    /// Joint `number`, if it is one of 1 to 6.
+    /// JointNumber `number`, if it is one of 1 to 6.
     pub const fn new(number: u8) -> Option<Self> {
         if matches!(number, 1..=6) { Some(Self(number)) } else { None }
     }
@@ -42,7 +42,7 @@ impl Joint {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Joints {
     /// One of them.
-    One(Joint),
+    One(JointNumber),
     /// All of them.
     All,
 }
@@ -59,7 +59,7 @@ impl Joints {
     }
 
     /// Whether a joint is meant.
-    pub fn include(self, joint: Joint) -> bool {
+    pub fn include(self, joint: JointNumber) -> bool {
         self == Self::All || self == Self::One(joint)
     }
 }
@@ -123,14 +123,14 @@ pub enum ArmCommand {
     /// To a position (77).
     Position {
         /// Which joint.
-        joint: Joint,
+        joint: JointNumber,
         /// Where to, in ticks; the joint may reach less.
         ticks: u8,
     },
     /// How fast (78).
     Speed {
         /// Which joint.
-        joint: Joint,
+        joint: JointNumber,
         /// Milliseconds a step of one tick: 1 to 127, but other values are sent too.
         ms_per_tick: u8,
     },
@@ -224,6 +224,6 @@ impl ArmCommand {
     }
 }
 
-fn existing(joint: u16) -> Result<Joint, Refusal> {
-    u8::try_from(joint).ok().and_then(Joint::new).ok_or(Refusal::NoSuchJoint(joint))
+fn existing(joint: u16) -> Result<JointNumber, Refusal> {
+    u8::try_from(joint).ok().and_then(JointNumber::new).ok_or(Refusal::NoSuchJoint(joint))
 }

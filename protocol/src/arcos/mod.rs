@@ -30,7 +30,7 @@ mod report;
 mod session;
 
 pub use crate::data::EncodeError;
-pub use arm::{ArmCommand, JOINTS, Joint, Joints, Refusal, StatusRequest};
+pub use arm::{ArmCommand, JOINTS, JointNumber, Joints, Refusal, StatusRequest};
 pub use packet::{
     Arcos, Argument, BadArgument, MAX_DATA, MAX_RECEIVED, MAX_SENT, OVERHEAD, Packet, Receiver,
     START, encode_command,

@@ -74,11 +74,6 @@ impl Limits {
         let in_range = Register::CW_LIMIT.accepts(cw) && Register::CCW_LIMIT.accepts(ccw);
         if in_range && cw <= ccw { Ok(Self(bytes)) } else { Err(Refusal::Limits { cw, ccw }) }
     }
-
-    /// As in the registers 6 to 9.
-    pub const fn bytes(self) -> [u8; Self::BYTES] {
-        self.0
-    }
 }
 
 /// The register of `size` bytes at this place, the low byte first; 0 behind the end.
@@ -93,14 +88,14 @@ fn word(bytes: &[u8], place: usize, size: u8) -> u16 {
 /// PC to CM-5: the answer to a hello.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Answer<'a> {
+pub struct HelloAnswer<'a> {
     /// Of all servos, in 2 us: 0 to 254.
     pub return_delay: u8,
     /// Limits found to be good: of each servo, or one pair for all.
     limits: &'a [[u8; Limits::BYTES]],
 }
 
-impl<'a> Answer<'a> {
+impl<'a> HelloAnswer<'a> {
     /// Reads a packet's parameters as the answer to a hello of `servos` servos.
     pub fn parse(params: &'a [u8], servos: usize) -> Result<Self, Refusal> {
         let bad_length = Refusal::Length(params.len());
@@ -122,6 +117,12 @@ impl<'a> Answer<'a> {
         self.limits.get(place).copied().map(Limits)
     }
 
+    /// What the servo at this place is to hold in its registers 5 to 9.
+    pub fn setup(&self, place: usize) -> Option<[u8; 5]> {
+        let [cw_low, cw_high, ccw_low, ccw_high] = self.limits(place)?.0;
+        Some([self.return_delay, cw_low, cw_high, ccw_low, ccw_high])
+    }
+
     /// Writes a whole packet into `out` and answers the part it took: with one pair of limits, it
     /// is for all servos.
     pub fn encode<'b>(
@@ -140,9 +141,9 @@ impl<'a> Answer<'a> {
 /// What one servo is to do: its writable registers, 24 to 35 and 47 to 49, as on the wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Goal(pub [u8; Self::BYTES]);
+pub struct ServoGoal(pub [u8; Self::BYTES]);
 
-impl Goal {
+impl ServoGoal {
     /// On the wire.
     pub const BYTES: usize = 15;
     /// So many of them are the registers 24 to 35.
@@ -200,7 +201,7 @@ impl Goal {
 /// PC to CM-5: what the servos are to do, all of it found to be good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Goals<'a>(&'a [[u8; Goal::BYTES]]);
+pub struct Goals<'a>(&'a [[u8; ServoGoal::BYTES]]);
 
 impl<'a> Goals<'a> {
     /// Reads a packet's parameters as goals for `servos` servos, at least one.
@@ -209,17 +210,17 @@ impl<'a> Goals<'a> {
         if goals.len() != servos || servos == 0 {
             return Err(Refusal::Length(params.len()));
         }
-        goals.iter().try_for_each(|goal| Goal(*goal).check())?;
+        goals.iter().try_for_each(|goal| ServoGoal(*goal).check())?;
         Ok(Self(goals))
     }
 
     /// One for each servo, in the order of the IDs.
-    pub fn iter(&self) -> impl Iterator<Item = Goal> + use<'a> {
-        self.0.iter().copied().map(Goal)
+    pub fn iter(&self) -> impl Iterator<Item = ServoGoal> + use<'a> {
+        self.0.iter().copied().map(ServoGoal)
     }
 
     /// Writes a whole packet into `out` and answers the part it took.
-    pub fn encode<'b>(goals: &[Goal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
+    pub fn encode<'b>(goals: &[ServoGoal], out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
         encode(goals.iter().map(|goal| goal.0), out)
     }
 }
@@ -298,30 +299,31 @@ mod tests {
     fn an_answer_holds_limits_for_each_servo_or_one_pair_for_all() {
         let (narrow, wide) = (Limits::new(0x0C8, 0x320).unwrap(), Limits::new(0, 1023).unwrap());
         let mut buffer = [0; MAX_PACKET];
-        let packet = Answer::encode(1, &[narrow, wide], &mut buffer).unwrap();
+        let packet = HelloAnswer::encode(1, &[narrow, wide], &mut buffer).unwrap();
         assert_eq!(packet[..13], [0xFF, 0xFF, 0, 9, 1, 0xC8, 0x00, 0x20, 0x03, 0, 0, 0xFF, 0x03]);
-        let answer = Answer::parse(params(packet), 2).unwrap();
+        let answer = HelloAnswer::parse(params(packet), 2).unwrap();
         assert_eq!(answer.return_delay, 1);
         assert_eq!([0, 1, 2].map(|k| answer.limits(k)), [Some(narrow), Some(wide), None]);
+        assert_eq!(answer.setup(0), Some([1, 0xC8, 0x00, 0x20, 0x03]));
 
-        let packet = Answer::encode(1, &[narrow], &mut buffer).unwrap();
-        let answer = Answer::parse(params(packet), 18).unwrap();
+        let packet = HelloAnswer::encode(1, &[narrow], &mut buffer).unwrap();
+        let answer = HelloAnswer::parse(params(packet), 18).unwrap();
         assert_eq!([0, 17].map(|k| answer.limits(k)), [Some(narrow); 2]);
     }
 
     #[test]
     fn an_answer_with_anything_wrong_is_refused() {
         let good = [1, 0, 0, 0xFF, 3, 0, 0, 0xFF, 3];
-        assert!(Answer::parse(&good, 2).is_ok());
+        assert!(HelloAnswer::parse(&good, 2).is_ok());
         for servos in [0, 1, 3] {
-            assert_eq!(Answer::parse(&good, servos), Err(Refusal::Length(9)));
+            assert_eq!(HelloAnswer::parse(&good, servos), Err(Refusal::Length(9)));
         }
-        assert_eq!(Answer::parse(&[], 2), Err(Refusal::Length(0)));
-        assert_eq!(Answer::parse(&good[..8], 2), Err(Refusal::Length(8)));
+        assert_eq!(HelloAnswer::parse(&[], 2), Err(Refusal::Length(0)));
+        assert_eq!(HelloAnswer::parse(&good[..8], 2), Err(Refusal::Length(8)));
         let with = |place: usize, value| {
             let mut bytes = good;
             bytes[place] = value;
-            Answer::parse(&bytes, 2).err()
+            HelloAnswer::parse(&bytes, 2).err()
         };
         assert_eq!(with(0, 255), Some(Refusal::ReturnDelay(255)));
         assert_eq!(with(8, 4), Some(Refusal::Limits { cw: 0, ccw: 0x4FF }));
@@ -333,8 +335,8 @@ mod tests {
     #[test]
     fn goals_are_15_bytes_a_servo_in_the_order_of_the_page() {
         let values = [1, 0, 2, 3, 32, 64, 0x0200, 0x0155, 0x03FF, 0, 0x0020];
-        let fields = || Goal::REGISTERS.into_iter().zip(values);
-        let goal = fields().fold(Goal::default(), |goal, (r, value)| goal.with(r, value));
+        let fields = || ServoGoal::REGISTERS.into_iter().zip(values);
+        let goal = fields().fold(ServoGoal::default(), |goal, (r, value)| goal.with(r, value));
         assert!(fields().all(|(register, value)| goal.get(register) == value));
         let mut buffer = [0; MAX_PACKET];
         let packet = Goals::encode(&[goal; 2], &mut buffer).unwrap();

@@ -30,13 +30,13 @@
 //! nothing, and is refused; the next packet is lost unless there was silence before it.
 //!
 //! [`Receiver`] finds packets, [`params_of`] takes one apart; what they say is in [`Hello`],
-//! [`Answer`], [`Goals`] and [`Report`].
+//! [`HelloAnswer`], [`Goals`] and [`Report`].
 
 mod message;
 mod packet;
 
 pub use crate::dynamixel::EncodeError;
-pub use message::{Answer, Feedback, Goal, Goals, Hello, Limits, Refusal, Report};
+pub use message::{Feedback, Goals, Hello, HelloAnswer, Limits, Refusal, Report, ServoGoal};
 pub use packet::{Cm5, MAX_PACKET, OVERHEAD, Receiver, encode, params_of};
 
 /// The most servos that a packet is made for. Their goals are 1505 bytes: 15 ms at 1 Mbaud and

@@ -2,7 +2,7 @@
 //! the complement of the sum of all bytes from LenH on.
 
 use super::MAX_SERVOS;
-use super::message::Goal;
+use super::message::ServoGoal;
 use crate::deframe::{Deframer, Framing};
 use crate::dynamixel::{EncodeError, Writer, sums_up};
 
@@ -15,7 +15,7 @@ const PARAMS: usize = 4;
 /// Bytes of a packet that are not parameters: start 2, Len 2, CHK.
 pub const OVERHEAD: usize = 5;
 /// The longest packet: goals for [`MAX_SERVOS`]. Len could tell of 65,535 parameters.
-pub const MAX_PACKET: usize = OVERHEAD + Goal::BYTES * MAX_SERVOS;
+pub const MAX_PACKET: usize = OVERHEAD + ServoGoal::BYTES * MAX_SERVOS;
 
 /// The receiver's view of the packet.
 pub enum Cm5 {}

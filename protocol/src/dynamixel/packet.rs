@@ -15,7 +15,6 @@ const START: [u8; 2] = [0xFF, 0xFF];
 const ID: usize = 2;
 const LEN: usize = 3;
 const CODE: usize = 4;
-const PARAMS: usize = 5;
 
 /// Bytes of a packet that are not parameters: start 2, ID, LEN, CODE, CHK.
 pub const OVERHEAD: usize = 6;
@@ -93,9 +92,14 @@ impl<'a> Packet<'a> {
     /// not fit its length; the checksum is the receiver's business.
     pub fn parse(packet: &'a [u8]) -> Option<Self> {
         let total = Dynamixel::length(packet.strip_prefix(&START).and(packet.get(..CODE))?)?;
-        let (_checksum, params) = packet.get(PARAMS..)?.split_last()?;
-        let (id, code) = (Id::new(*packet.get(ID)?)?, *packet.get(CODE)?);
-        (total == packet.len()).then_some(Self { id, code, params })
+        Self::received(packet).filter(|_| total == packet.len())
+    }
+
+    /// The same for what a receiver has handed out, and so has checked: only taken apart. `None` if
+    /// it is too short to be a packet.
+    pub fn received(packet: &'a [u8]) -> Option<Self> {
+        let &[_, _, id, _len, code, ref params @ .., _checksum] = packet else { return None };
+        Some(Self { id: Id::new(id)?, code, params })
     }
 
     /// Writes the packet into `out` and answers the part it took.
@@ -198,6 +202,8 @@ mod tests {
         let id = Id::new(0).unwrap();
         assert_eq!(Packet::parse(&packet), Some(Packet { id, code: 0, params: &[] }));
         assert_eq!(Packet::parse(&packet[..5]), None);
+        assert_eq!(Packet::received(&packet), Packet::parse(&packet));
+        assert_eq!(Packet::received(&packet[..5]), None);
         assert!(Dynamixel::is_intact(&packet));
         assert!(!Dynamixel::is_intact(&[0xFF, 0xFF, 0x00, 0x02, 0x00, 0xFC]));
     }

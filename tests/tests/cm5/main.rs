@@ -15,10 +15,11 @@ mod watchdog;
 mod work;
 
 use embassy_time::{Duration, Instant};
-use firmware::personality::cm5::ServoCounters;
+use firmware::bridge::ServoCounters;
 use hal_mock::plant::Ax12;
 use protocol::cm5::{
-    Answer, Feedback, Goal, Goals, Hello, Limits, MAX_PACKET, Receiver, Report, encode, params_of,
+    Feedback, Goals, Hello, HelloAnswer, Limits, MAX_PACKET, Receiver, Report, ServoGoal, encode,
+    params_of,
 };
 use protocol::dynamixel::Register;
 use tests::Link::Silent;

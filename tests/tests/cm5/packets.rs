@@ -58,11 +58,11 @@ fn piece() -> impl Strategy<Value = Vec<u8>> {
     prop_oneof![3 => intact(), 2 => flipped, 1 => cut_off, 1 => false_start, 1 => noise]
 }
 
-fn any_goal() -> impl Strategy<Value = Goal> {
-    let values = Goal::REGISTERS.map(|register| register.min..=register.max);
+fn any_goal() -> impl Strategy<Value = ServoGoal> {
+    let values = ServoGoal::REGISTERS.map(|register| register.min..=register.max);
     values.prop_map(|values| {
-        let fields = Goal::REGISTERS.into_iter().zip(values);
-        fields.fold(Goal::default(), |goal, (register, value)| goal.with(register, value))
+        let fields = ServoGoal::REGISTERS.into_iter().zip(values);
+        fields.fold(ServoGoal::default(), |goal, (register, value)| goal.with(register, value))
     })
 }
 
@@ -103,8 +103,8 @@ proptest! {
         let bytes = hello.encode(&mut buffer).unwrap();
         prop_assert_eq!(Hello::parse(params_of(bytes).unwrap()), Some(hello));
 
-        let bytes = Answer::encode(return_delay, &pairs, &mut buffer).unwrap();
-        let answer = Answer::parse(params_of(bytes).unwrap(), pairs.len()).unwrap();
+        let bytes = HelloAnswer::encode(return_delay, &pairs, &mut buffer).unwrap();
+        let answer = HelloAnswer::parse(params_of(bytes).unwrap(), pairs.len()).unwrap();
         prop_assert_eq!(answer.return_delay, return_delay);
         let read: Vec<_> = (0..pairs.len()).filter_map(|k| answer.limits(k)).collect();
         prop_assert_eq!(read, pairs);
@@ -124,9 +124,9 @@ proptest! {
         servos in 0..6usize,
     ) {
         let mut buffer = [0; MAX_PACKET];
-        if let Ok(answer) = Answer::parse(&params, servos) {
+        if let Ok(answer) = HelloAnswer::parse(&params, servos) {
             let pairs: Vec<_> = (0..(params.len() - 1) / 4).filter_map(|k| answer.limits(k)).collect();
-            let again = Answer::encode(answer.return_delay, &pairs, &mut buffer).unwrap();
+            let again = HelloAnswer::encode(answer.return_delay, &pairs, &mut buffer).unwrap();
             prop_assert_eq!(params_of(again).unwrap(), &params[..]);
         }
         if let Ok(goals) = Goals::parse(&params, servos) {

@@ -1,7 +1,6 @@
 //! The bridge alone, without tasks: a bus that does what no servo would, step by step.
 
-use firmware::personality::cm5::{Bridge, MAX_REQUEST};
-use firmware::settings::BridgeSettings;
+use firmware::bridge::{Bridge, BridgeSettings, MAX_INSTRUCTION};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use protocol::dynamixel::{Id, Packet};
@@ -30,7 +29,7 @@ impl Script {
 
     /// The next request, however long it takes to come.
     fn request(&mut self) -> Vec<u8> {
-        let mut out = [0; MAX_REQUEST];
+        let mut out = [0; MAX_INSTRUCTION];
         for _ in 0..10 {
             if let Some(request) = self.bridge.bus_sends(self.now, &mut out) {
                 return request.to_vec();
@@ -117,10 +116,10 @@ fn a_request_that_collides_is_sent_again_when_the_line_is_quiet() {
     script.hear(&request[..3]);
     script.hear(&[0x55, 0x55]);
     script.hear(&status(1, 0)); // not believed: nobody can have understood the request
-    assert_eq!(script.bridge.bus_sends(script.now, &mut [0; MAX_REQUEST]), None);
+    assert_eq!(script.bridge.bus_sends(script.now, &mut [0; MAX_INSTRUCTION]), None);
     assert_eq!(script.request(), request);
     let counters = script.bridge.counters().bus;
-    assert_eq!((counters.requests, counters.collisions, counters.stray_bytes), (2, 1, 8));
+    assert_eq!((counters.instructions, counters.collisions, counters.stray_bytes), (2, 1, 8));
 }
 
 #[test]
@@ -142,7 +141,7 @@ fn a_bus_that_babbles_holds_no_request_for_longer_than_five_milliseconds() {
     let request = script.request();
     script.hear(&request);
     let since = script.now;
-    let mut out = [0; MAX_REQUEST];
+    let mut out = [0; MAX_INSTRUCTION];
     while script.bridge.bus_sends(script.now, &mut out).is_none() {
         script.hear(&[0x00]);
         assert!(script.now - since < Duration::from_millis(5));
@@ -190,7 +189,7 @@ proptest! {
         prop_assert!(script.bridge.transmit(script.now, &mut out).is_some());
         let answers = script.bridge.counters().pc.answers;
         let short = [limits(0, 1023)];
-        script.bridge.receive(Answer::encode(1, &short, &mut out).unwrap(), script.now);
+        script.bridge.receive(HelloAnswer::encode(1, &short, &mut out).unwrap(), script.now);
         prop_assert_eq!(script.bridge.counters().pc.answers, answers + 1);
     }
 }

@@ -1,7 +1,7 @@
 //! Search, hello and setup: who is on the bus, and what the PC wants of them.
 
 use embassy_time::Duration;
-use firmware::settings::{BridgeSettings, OnSilence};
+use firmware::bridge::{BridgeSettings, OnSilence};
 use hal_mock::cm5_board::Make;
 use hal_mock::servo_bus::Faults;
 use protocol::cm5::Refusal;
@@ -118,7 +118,7 @@ fn a_wrong_answer_changes_nothing_and_is_counted() {
 
     // A damaged one is not even that.
     let mut buffer = [0; MAX_PACKET];
-    let packet = Answer::encode(1, &[limits(0, 1023)], &mut buffer).unwrap();
+    let packet = HelloAnswer::encode(1, &[limits(0, 1023)], &mut buffer).unwrap();
     packet[5] ^= 1;
     bench.board.line.host_sends(packet);
     bench.run_ms(200);
@@ -270,7 +270,7 @@ fn a_servo_that_does_not_take_its_limits_is_not_driven_and_its_eeprom_is_spared(
 #[test]
 fn refusals_tell_what_is_wrong() {
     assert_eq!(
-        Answer::parse(&[255, 0, 0, 0, 0], 1).unwrap_err().to_string(),
+        HelloAnswer::parse(&[255, 0, 0, 0, 0], 1).unwrap_err().to_string(),
         "no servo has a return delay of 255"
     );
     assert_eq!(Refusal::Length(7).to_string(), "7 parameters are for another number of servos");

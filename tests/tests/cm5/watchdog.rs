@@ -3,9 +3,9 @@
 //! bus.
 
 use super::*;
-use hal_mock::cm5_board::Task;
+use hal_mock::cm5_board::Loop;
 
-const ALL: [Task; 3] = [Task::Receive, Task::Transmit, Task::Bus];
+const ALL: [Loop; 3] = [Loop::Receive, Loop::Transmit, Loop::Bus];
 
 /// A joint on its way, and a servo that turns endlessly; the PC is alive.
 fn joint_and_wheel(phase: u64) -> Bench {
@@ -62,7 +62,7 @@ fn a_loop_that_hangs_restarts_the_bridge_within_500_ms_and_no_joint_goes_limp() 
         println!("{task:?}: reset {:?} ms, the wheel stops {:?} ms", ends(&resets), ends(&stops));
         let ((soonest, latest), (first, last)) = (ends(&resets), ends(&stops));
         // The watchdog's 250 ms, behind the 200 that a loop other than the bus's may be silent.
-        let bounds = if task == Task::Bus { 249..=251 } else { 400..=452 };
+        let bounds = if task == Loop::Bus { 249..=251 } else { 400..=452 };
         let are_within = bounds.contains(&soonest) && bounds.contains(&latest);
         assert!(are_within, "{task:?}: {soonest} to {latest}");
         // The reset, half a second of search, a second of silence.
@@ -72,14 +72,14 @@ fn a_loop_that_hangs_restarts_the_bridge_within_500_ms_and_no_joint_goes_limp() 
 
 #[test]
 fn while_the_pcs_side_hangs_the_bus_goes_on_and_while_the_bus_hangs_it_is_silent() {
-    for (task, is_silent) in [(Task::Receive, false), (Task::Transmit, false), (Task::Bus, true)] {
+    for (task, is_silent) in [(Loop::Receive, false), (Loop::Transmit, false), (Loop::Bus, true)] {
         let mut bench = joint_and_wheel(0);
         bench.board.watchdog.hung.set(Some(task));
         bench.run_ms(10);
-        let before = bench.board.bridge().counters().bus.requests;
+        let before = bench.board.bridge().counters().bus.instructions;
         bench.run_ms(200);
-        let requests = bench.board.bridge().counters().bus.requests - before;
-        assert_eq!(requests == 0, is_silent, "{task:?}: {requests}");
+        let instructions = bench.board.bridge().counters().bus.instructions - before;
+        assert_eq!(instructions == 0, is_silent, "{task:?}: {instructions}");
     }
 }
 

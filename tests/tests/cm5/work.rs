@@ -1,6 +1,6 @@
 //! The loop of work: goals reach the servos, reports the PC, and silence is noticed.
 
-use firmware::settings::{BridgeSettings, OnSilence};
+use firmware::bridge::{BridgeSettings, OnSilence};
 use hal_mock::cm5_board::Make;
 use hal_mock::servo_bus::Faults;
 
@@ -26,8 +26,8 @@ fn every_register_of_a_goal_reaches_its_servo_within_two_cycles_and_again_in_eac
     let mut bench = three();
     let goals = [100, 500, 900].map(|position| {
         let values = [1, 1, 2, 3, 40, 50, position, position / 2, 1000 - position / 10, 0, 33];
-        let fields = Goal::REGISTERS.into_iter().zip(values);
-        fields.fold(Goal::default(), |goal, (register, value)| goal.with(register, value))
+        let fields = ServoGoal::REGISTERS.into_iter().zip(values);
+        fields.fold(ServoGoal::default(), |goal, (register, value)| goal.with(register, value))
     });
     bench.send_goals(&goals);
     // 50 bytes take 0.5 ms, a cycle of three servos 1.4 ms, and a PING of the watch 0.7 ms.

@@ -5,7 +5,7 @@ use super::*;
 use firmware::channel::Scope;
 use firmware::command::Command;
 use firmware::controller::Snapshot;
-use firmware::personality::{Boot, Request as Asked, Session};
+use firmware::personality::{Boot, Effect, Session};
 use firmware::settings::Settings;
 use firmware::units::ServoPulse;
 use hal_mock::flash::Flash;
@@ -307,7 +307,7 @@ fn pulses_that_an_upkeep_holds_back_are_not_lost_and_those_that_go_missing_for_2
     snapshot.outputs.servos[3] = None;
     assert_eq!(ask(&mut session, &[], 1940, &snapshot), (true, 0));
     assert_eq!(ask(&mut session, &[], 1959, &snapshot), (true, 0));
-    let off = Asked::Control(Command::Run { scope: Scope::All, run: false });
+    let off = Effect::Control(Command::Run { scope: Scope::All, run: false });
     assert_eq!(session.advance(at(1960), &snapshot), Some(off));
     assert_eq!(ask(&mut session, &[], 1980, &snapshot), (false, 1));
 }

@@ -21,8 +21,8 @@ use embassy_time::{Duration, Instant};
 use firmware::personality::pioneer_arm::PioneerArm;
 use hal_mock::board::Make;
 use protocol::arcos::{
-    Argument, ArmCommand, ArmStatus, JOINTS, Joint, Joints, Packet, SYNC, Standard, StatusRequest,
-    command, encode_command,
+    Argument, ArmCommand, ArmStatus, JOINTS, JointNumber, Joints, Packet, SYNC, Standard,
+    StatusRequest, command, encode_command,
 };
 use tests::Link::{Alive, Silent};
 use tests::arm::{Arm as Host, number};

@@ -2,7 +2,7 @@
 
 use super::*;
 use firmware::controller::{Controller, Snapshot};
-use firmware::personality::{Boot, Request, Session};
+use firmware::personality::{Boot, Effect, Session};
 use firmware::ports::{MotionInputs, Sensors};
 use firmware::settings::Settings;
 use protocol::extension::{Action, Verdict};
@@ -145,7 +145,7 @@ fn a_way_is_one_command_and_the_session_looks_at_it_no_more_than_every_20_ms() {
         bytes.clear();
         if session.wakes_at().is_some_and(|at| at <= now) {
             looks += 1;
-            while let Some(Request::Control(command)) = session.advance(now, &snapshot) {
+            while let Some(Effect::Control(command)) = session.advance(now, &snapshot) {
                 queue.push(command);
             }
         }

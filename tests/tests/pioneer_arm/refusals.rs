@@ -126,7 +126,7 @@ enum Event {
 }
 
 fn event() -> impl Strategy<Value = Event> {
-    let joint = || select(Joint::ALL.to_vec());
+    let joint = || select(JointNumber::ALL.to_vec());
     let joints = || prop_oneof![Just(Joints::All), joint().prop_map(Joints::One)];
     let arm_command = prop_oneof![
         2 => Just(ArmCommand::Power(true)),

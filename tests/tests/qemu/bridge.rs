@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{Make, ServoBus};
-use protocol::cm5::{Answer, Hello, Limits, Receiver, Report, params_of};
+use protocol::cm5::{Hello, HelloAnswer, Limits, Receiver, Report, params_of};
 
 use crate::machine::Machine;
 use crate::{BSRR, IWDG, KR, SLOWLY};
@@ -71,7 +71,7 @@ fn the_bridge_finds_its_servos_and_reports_them() {
         Hello::parse(params).filter(|hello| hello.ids == [1, 7]).map(drop)
     });
     let mut buffer = [0; 64];
-    let answer = Answer::encode(1, &[Limits::new(100, 900).unwrap(); 2], &mut buffer).unwrap();
+    let answer = HelloAnswer::encode(1, &[Limits::new(100, 900).unwrap(); 2], &mut buffer).unwrap();
     machine.send_bytes(answer);
     packet(&machine, &mut receiver, |params| {
         Report::parse(params, 2)

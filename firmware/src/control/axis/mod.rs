@@ -1,7 +1,7 @@
 //! One DC channel: what drives it, where it is going, and whether it may.
 //!
 //! Vocabulary: the *method* is what the set-point means (duty, position, velocity); the
-//! *set-point* is what the loop is asked for now, the *goal* what it will be asked for when the
+//! *set-point* is what the loop is asked for now, the *target* what it will be asked for when the
 //! ramp is over. *Logical* drive is positive when it makes the sensor's counts rise; the
 //! polarity turns it into the bridge's. Direct PWM is the bridge's own, whatever the polarity.
 //!
@@ -10,7 +10,7 @@
 //!   was only paused; by nothing else.
 //! - When method, sensor or polarity change under way, the new loop starts where the shaft is,
 //!   and the drive crosses over from the old one to the new one in [`HANDOVER`] periods.
-//! - A suspended move goes on where it was suspended: from where the shaft is then, to its goal,
+//! - A suspended move goes on where it was suspended: from where the shaft is then, to its target,
 //!   in the periods that were left (at once, if it had no time or its time was over).
 //! - A *stop* is a neutral PWM, a velocity of 0, a silent host, or a fault; and a suspension of a
 //!   channel that one of these has stopped or is stopping. After it only a motion command moves the
@@ -134,7 +134,7 @@ enum State {
 
 /// Where a channel is going: a value, and what it means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Goal {
+struct Target {
     method: Method,
     /// Bits of [`Counts`], of [`CountsPerSecond`], or a raw [`Duty`], by method.
     value: i32,
@@ -169,10 +169,10 @@ pub struct Axis {
     age: u16,
     longest_move: u16,
 
-    /// In the units of a goal of `method`.
+    /// In the units of a target of `method`.
     set_point: i32,
     /// `None` when there is nowhere to go but to stay.
-    goal: Option<Goal>,
+    target: Option<Target>,
     course: Course,
     /// The move has a time of its own.
     is_timed: bool,
@@ -215,7 +215,7 @@ impl Axis {
             age: 0,
             longest_move: 0,
             set_point: 0,
-            goal: None,
+            target: None,
             course: Course::NONE,
             is_timed: false,
             rest: Counts::ZERO,
@@ -318,7 +318,7 @@ impl Axis {
             Method::Position => self.track.clamp(self.track.target(target)).to_bits(),
             Method::Velocity => CountsPerSecond::from(target).to_bits(),
         };
-        self.head_for(Goal { method, value }, periods, now);
+        self.head_for(Target { method, value }, periods, now);
         if method == Method::Pwm && periods == 0 {
             // What a host writes into the PWM stands there at once: it may be a stop.
             self.handover = 0;
@@ -354,10 +354,10 @@ impl Axis {
     pub fn resume(&mut self, now: Reading) {
         self.halt = self.halt.filter(|&halt| halt != Halt::Suspension);
         if self.state == State::Paused {
-            let (goal, left) = (self.goal, self.course.left());
+            let (target, left) = (self.target, self.course.left());
             self.engage(self.chosen_method.unwrap_or(self.method), now);
-            if let Some(goal) = goal {
-                self.head_for(goal, left, now);
+            if let Some(target) = target {
+                self.head_for(target, left, now);
             }
         }
     }
@@ -384,7 +384,7 @@ impl Axis {
             (State::Off | State::Stopping(_), _) => {}
         }
         self.is_stop = true;
-        self.goal = None;
+        self.target = None;
     }
 
     /// Breaks off a timed move of a host that has been silent for too long.
@@ -417,7 +417,7 @@ impl Axis {
         let driven = self.method == Method::Pwm && self.set_point != 0;
         self.start_over(method, now);
         if self.state == State::Running && method == Method::Velocity && !driven {
-            self.head_for(Goal { method, value: 0 }, 0, now);
+            self.head_for(Target { method, value: 0 }, 0, now);
         }
     }
 
@@ -433,21 +433,21 @@ impl Axis {
         }
     }
 
-    /// Which way the bridge is wired. A running velocity loop goes on to its goal, a position loop holds.
+    /// Which way the bridge is wired. A running velocity loop goes on to its target, a position loop holds.
     pub fn set_polarity(&mut self, polarity: Polarity, now: Reading) {
         if polarity != self.polarity {
             self.polarity = polarity;
             // The bridge's drive is what crosses over, and that is the other way round now.
             self.drive = self.drive.saturating_neg();
             self.old_drive = self.old_drive.saturating_neg();
-            let (goal, left) = (self.goal, self.course.left());
+            let (target, left) = (self.target, self.course.left());
             if self.method != Method::Pwm {
                 self.start_over(self.method, now);
             }
-            if let Some(goal) = goal.filter(|goal| goal.method == Method::Velocity)
+            if let Some(target) = target.filter(|target| target.method == Method::Velocity)
                 && self.state == State::Running
             {
-                self.head_for(goal, left, now);
+                self.head_for(target, left, now);
             }
         }
     }
@@ -507,7 +507,7 @@ impl Axis {
     }
 
     /// What the loop rests on has changed: a running channel engages anew, one that was stopped or is
-    /// being stopped is off at once, and no goal of before counts any more.
+    /// being stopped is off at once, and no target of before counts any more.
     fn start_over(&mut self, method: Method, now: Reading) {
         match self.state {
             State::Running if !self.is_stop => self.engage(method, now),
@@ -517,18 +517,18 @@ impl Axis {
         self.method = method;
     }
 
-    /// Sets out for a goal of the engaged method from the set-point; positions go the shorter way
-    /// from the shaft. A goal of another method means nothing here.
-    fn head_for(&mut self, goal: Goal, periods: u16, now: Reading) {
-        if goal.method != self.method {
+    /// Sets out for a target of the engaged method from the set-point; positions go the shorter way
+    /// from the shaft. A target of another method means nothing here.
+    fn head_for(&mut self, target: Target, periods: u16, now: Reading) {
+        if target.method != self.method {
             return;
         }
         let set_point = Counts::from_bits(self.set_point);
-        let mut way = goal.value.saturating_sub(self.set_point);
+        let mut way = target.value.saturating_sub(self.set_point);
         self.rest = Counts::ZERO;
         if self.method == Method::Position {
             let ahead = self.track.difference(set_point, now.position);
-            let whole = self.track.way(Counts::from_bits(goal.value), now.position);
+            let whole = self.track.way(Counts::from_bits(target.value), now.position);
             let whole = whole.saturating_sub(ahead);
             let full_drive = Counts::saturating_from_num(
                 FULL_DRIVE_COUNTS.checked_div(self.settings.position.kp.into()).unwrap_or(i32::MAX),
@@ -545,7 +545,7 @@ impl Axis {
             self.rest = whole.saturating_sub(at_once);
             way = at_once.to_bits();
         }
-        self.goal = Some(goal);
+        self.target = Some(target);
         self.is_timed = periods > 0;
         self.course = self.course_of(way, periods);
     }
@@ -591,7 +591,7 @@ impl Axis {
     }
 
     fn forget(&mut self) {
-        self.goal = None;
+        self.target = None;
         self.course = Course::NONE;
         self.rest = Counts::ZERO;
         self.pid = Pid::new();

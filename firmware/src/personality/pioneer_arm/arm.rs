@@ -18,8 +18,7 @@
 //!   is with a fault that another has cleared before the arm could see it: the pulses are missing.
 
 use embassy_time::{Duration, Instant};
-use protocol::arcos::Joint as Number;
-use protocol::arcos::{ArmCommand, ArmInfo, ArmStatus, JOINTS, JointInfo, Joints};
+use protocol::arcos::{ArmCommand, ArmInfo, ArmStatus, JOINTS, JointInfo, JointNumber, Joints};
 
 use super::joint::{Joint, Limited};
 use crate::channel::Scope;
@@ -320,7 +319,7 @@ impl Arm {
         let is_over = |since: Instant, seconds: u16| {
             seconds > 0 && now >= since.saturating_add(Duration::from_secs(seconds.into()))
         };
-        let gripper = &mut self.joints[Number::GRIPPER.index()];
+        let gripper = &mut self.joints[JointNumber::GRIPPER.index()];
         if self.power == Power::Off || !gripper.is_held_closed() {
             // So a position or a STOP on the way home gives it its time again.
             self.closed_since = None;
@@ -400,12 +399,12 @@ impl Arm {
         if self.power == Power::Off { Err(Ignored::NoPower) } else { Ok(()) }
     }
 
-    fn of(&mut self, joint: Number) -> &mut Joint {
+    fn of(&mut self, joint: JointNumber) -> &mut Joint {
         &mut self.joints[joint.index()]
     }
 
     fn each(&mut self, joints: Joints, mut act: impl FnMut(&mut Joint)) {
-        for number in Number::ALL.into_iter().filter(|&number| joints.include(number)) {
+        for number in JointNumber::ALL.into_iter().filter(|&number| joints.include(number)) {
             act(self.of(number));
         }
     }

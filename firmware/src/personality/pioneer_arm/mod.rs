@@ -41,11 +41,11 @@ use protocol::arcos::{
     Arcos, Argument, ArmCommand, Dialect, MAX_RECEIVED, MotionBits, Names, Packet, Refusal, SYNC,
     Standard, StatusRequest, command, extension,
 };
-use protocol::extension::{Outcome, Request as Asked};
+use protocol::extension::{Outcome, Request};
 use protocol::pms5005::Repeat;
 
 use super::extension::{Boot, Extension, Owed, Stream};
-use super::{MAX_FRAME, Request, Session, TimedReceiver, UpkeepRefused, count};
+use super::{Effect, MAX_FRAME, Session, TimedReceiver, UpkeepRefused, count};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
@@ -160,7 +160,7 @@ fn dialect(setting: u8) -> Dialect {
 impl Session for PioneerArm {
     type Counters = ArmCounters;
 
-    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
+    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Effect> {
         // What the arm asks of the board is `advance`'s to tell.
         loop {
             let packet = self.receiver.receive(bytes, now)?;
@@ -180,7 +180,7 @@ impl Session for PioneerArm {
         self.answers.extension.to_save()
     }
 
-    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
+    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Effect> {
         self.answers.watch(now);
         let (told, asked) = self.answers.extension.look(now, snapshot);
         self.answers.settle(told);
@@ -194,7 +194,7 @@ impl Session for PioneerArm {
             is_held: self.answers.extension.is_busy(),
             pulses: snapshot.servos,
         };
-        self.answers.arm.advance(now, seen).map(Request::Control)
+        self.answers.arm.advance(now, seen).map(Effect::Control)
     }
 
     fn wakes_at(&self) -> Option<Instant> {
@@ -213,17 +213,17 @@ impl Session for PioneerArm {
         let due = self.answers.next(now)?;
         let Answers { arm, extension, .. } = &self.answers;
         let packet = match due {
-            Answer::Sync2 => NAMES.encode(out),
-            Answer::Echo(packet) => packet.encode(out),
-            Answer::Status => {
+            Due::Sync2 => NAMES.encode(out),
+            Due::Echo(packet) => packet.encode(out),
+            Due::Status => {
                 let Answers { dialect, arm, .. } = &mut self.answers;
                 arm.look(now, &snapshot().servos);
                 arm.status().encode(*dialect, out)
             }
-            Answer::Info => arm.info().encode(out),
-            Answer::Standard => standard(&snapshot()).encode(out),
-            Answer::Health => extension::encode_answer(&extension.health(now, &snapshot()), out),
-            Answer::Owed(owed) => {
+            Due::Info => arm.info().encode(out),
+            Due::Standard => standard(&snapshot()).encode(out),
+            Due::Health => extension::encode_answer(&extension.health(now, &snapshot()), out),
+            Due::Owed(owed) => {
                 let snapshot = snapshot();
                 let counters = || self.counters().told();
                 extension::encode_answer(&extension.answer(owed, &snapshot, counters)?, out)
@@ -236,7 +236,7 @@ impl Session for PioneerArm {
         self.answers.due_at()
     }
 
-    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Request> {
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Effect> {
         let (answer, request) = self.answers.extension.done(result);
         self.answers.settle(answer);
         request
@@ -262,7 +262,7 @@ impl Session for PioneerArm {
 }
 
 /// What a session says.
-enum Answer {
+enum Due {
     Echo(Packet<'static>),
     Sync2,
     Status,
@@ -286,7 +286,7 @@ impl Answers {
     }
 
     /// What is to be said first, if anything; it counts as said.
-    fn next(&mut self, now: Instant) -> Option<Answer> {
+    fn next(&mut self, now: Instant) -> Option<Due> {
         let is_open = matches!(self.phase, Phase::Open(_));
         // So that no flood of 0s keeps a standard packet from the line.
         let standard_is_first = is_open && now >= self.cycle_at;
@@ -294,8 +294,8 @@ impl Answers {
             let first = self.syncs.trailing_zeros();
             self.syncs &= self.syncs - 1;
             return Some(match SYNC.get(first as usize) {
-                Some(echo) if first < 2 => Answer::Echo(*echo),
-                _ => Answer::Sync2,
+                Some(echo) if first < 2 => Due::Echo(*echo),
+                _ => Due::Sync2,
             });
         }
         if !is_open {
@@ -309,29 +309,29 @@ impl Answers {
             return Some(self.say_standard(now));
         }
         if core::mem::take(&mut self.info) {
-            return Some(Answer::Info);
+            return Some(Due::Info);
         }
         if self.health.due_at().is_some_and(|at| at <= now) {
             self.health.told(self.cycle_at);
-            return Some(Answer::Health);
+            return Some(Due::Health);
         }
         if let Some(owed) = self.extension.next() {
             // So that no flood of questions keeps an ARMpac from the line.
             self.status_said = false;
             count(&mut self.counters.link.answers_sent, 1);
-            return Some(Answer::Owed(owed));
+            return Some(Due::Owed(owed));
         }
         status_is_due.then(|| self.say_status())
     }
 
-    fn say_status(&mut self) -> Answer {
+    fn say_status(&mut self) -> Due {
         self.status_at = None;
         self.status_said = true;
-        Answer::Status
+        Due::Status
     }
 
     /// The standard packet of this cycle; the next is that of the next cycle that is not over.
-    fn say_standard(&mut self, now: Instant) -> Answer {
+    fn say_standard(&mut self, now: Instant) -> Due {
         let missed = (now - self.cycle_at).as_ticks() / CYCLE.as_ticks();
         self.cycle_at += Duration::from_ticks((missed + 1) * CYCLE.as_ticks());
         self.status_said = false;
@@ -340,7 +340,7 @@ impl Answers {
         }
         count(&mut self.counters.link.telemetry_sent, 1);
         count(&mut self.counters.link.telemetry_skipped, missed as u32); // wraps, as documented
-        Answer::Standard
+        Due::Standard
     }
 
     /// When the host will have been silent for too long.
@@ -377,7 +377,7 @@ impl Answers {
     }
 
     /// Does what an intact packet asks for, and yields what the extension asks of the board.
-    fn respond(&mut self, packet: &Packet<'_>, now: Instant) -> Option<Request> {
+    fn respond(&mut self, packet: &Packet<'_>, now: Instant) -> Option<Effect> {
         self.heard = now;
         if let Phase::Open(host) = self.phase {
             return self.respond_in_session(host, packet, now);
@@ -404,7 +404,7 @@ impl Answers {
         host: Host,
         packet: &Packet<'_>,
         now: Instant,
-    ) -> Option<Request> {
+    ) -> Option<Effect> {
         self.phase = Phase::Open(Host::Speaks);
         match (host, packet.id, packet.data) {
             (Host::Silent | Host::MaySynchronise, 0, []) => {
@@ -432,9 +432,9 @@ impl Answers {
     }
 
     /// Does what a request of the extension asks of the session.
-    fn extend(&mut self, request: Result<Asked<'_>, Outcome>, now: Instant) -> Option<Request> {
+    fn extend(&mut self, request: Result<Request<'_>, Outcome>, now: Instant) -> Option<Effect> {
         let (answer, request) = match request {
-            Ok(Asked::Health(repeat)) => {
+            Ok(Request::Health(repeat)) => {
                 self.health.ask(repeat, now);
                 (None, None)
             }

@@ -20,14 +20,14 @@ mod translate;
 use embassy_time::{Duration, Instant};
 /// What a session has counted; what the controller counts stays 0 here.
 pub use protocol::extension::Counters as LinkCounters;
-use protocol::extension::{Outcome, Request as ExtensionRequest, Verdict, is_read};
+use protocol::extension::{Outcome, Request, Verdict, is_read};
 use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_HOST, RID_PMS5005, Refusal, Repeat, Report,
     Reports, encode_answer,
 };
 
 use super::extension::{Boot, Extension, Owed, Stream};
-use super::{MAX_FRAME, Picture, Request, Session, TimedReceiver, UpkeepRefused, count};
+use super::{Effect, MAX_FRAME, Picture, Session, TimedReceiver, UpkeepRefused, count};
 use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
@@ -123,7 +123,7 @@ impl Pms5005 {
 impl Session for Pms5005 {
     type Counters = LinkCounters;
 
-    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Request> {
+    fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Effect> {
         loop {
             let frame = self.receiver.receive(bytes, now)?;
             if let Some(request) = self.answers.respond(frame, now) {
@@ -140,7 +140,7 @@ impl Session for Pms5005 {
         self.answers.extension.to_save()
     }
 
-    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Request> {
+    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Effect> {
         let (answer, request) = self.answers.extension.look(now, snapshot);
         self.answers.settle(answer);
         request
@@ -177,7 +177,7 @@ impl Session for Pms5005 {
         frame.ok().map(|frame| &*frame)
     }
 
-    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Request> {
+    fn upkeep_done(&mut self, result: Result<(), UpkeepRefused>) -> Option<Effect> {
         let (answer, request) = self.answers.extension.done(result);
         self.answers.settle(answer);
         request
@@ -278,7 +278,7 @@ impl Answers {
     }
 
     /// Does what an intact frame asks of the session, and yields what it asks of the board.
-    fn respond(&mut self, frame: &[u8], now: Instant) -> Option<Request> {
+    fn respond(&mut self, frame: &[u8], now: Instant) -> Option<Effect> {
         let frame = Frame::parse(frame)?;
         if frame.rid != RID_HOST && !is_read(frame.did) {
             count(&mut self.signs_of_life, 1);
@@ -344,8 +344,8 @@ impl Answers {
     /// Does what a command asks of the session. Apart: an acknowledgement must not wait for what
     /// only commands need.
     #[inline(never)]
-    fn carry_out(&mut self, command: wire::Command<'_>, now: Instant) -> Option<Request> {
-        let control = |command| Some(Request::Control(command));
+    fn carry_out(&mut self, command: wire::Command<'_>, now: Instant) -> Option<Effect> {
+        let control = |command| Some(Effect::Control(command));
         match command {
             wire::Command::Move(command) => control(motion(&command)),
             wire::Command::Parameters(parameters) => {
@@ -360,7 +360,7 @@ impl Answers {
             }
             wire::Command::GpioOutputs(outputs) => control(Command::Gpio(outputs)),
             wire::Command::Lcd(frame) => {
-                Some(Request::Show(Picture { number: frame.number, columns: *frame.columns }))
+                Some(Effect::Show(Picture { number: frame.number, columns: *frame.columns }))
             }
             wire::Command::Run { scope: whom, run } => {
                 control(Command::Run { scope: scope(whom), run })
@@ -373,11 +373,11 @@ impl Answers {
                 self.stream(asked, repeat, now);
                 None
             }
-            wire::Command::Extension(ExtensionRequest::Health(repeat)) => {
+            wire::Command::Extension(Request::Health(repeat)) => {
                 self.stream(|topic| topic == Topic::Health, repeat, now);
                 None
             }
-            wire::Command::Extension(ExtensionRequest::State(repeat)) => {
+            wire::Command::Extension(Request::State(repeat)) => {
                 self.stream(|topic| topic == Topic::State, repeat, now);
                 None
             }

@@ -16,11 +16,15 @@ pub(super) fn motion(command: &Move) -> Command {
     let origin = command.did();
     let Move { mut targets, periods, .. } = *command;
     match command.quantity {
-        Quantity::Position => Command::Drive { method: Method::Position, targets, periods, origin },
-        Quantity::Velocity => Command::Drive { method: Method::Velocity, targets, periods, origin },
+        Quantity::Position => {
+            Command::MoveMotors { method: Method::Position, targets, periods, origin }
+        }
+        Quantity::Velocity => {
+            Command::MoveMotors { method: Method::Velocity, targets, periods, origin }
+        }
         Quantity::Pwm => {
             targets.iter_mut().flatten().for_each(|target| *target = duty(*target));
-            Command::Drive { method: Method::Pwm, targets, periods, origin }
+            Command::MoveMotors { method: Method::Pwm, targets, periods, origin }
         }
         Quantity::Servo => Command::MoveServos { targets, periods },
     }

@@ -71,7 +71,7 @@ impl Observed {
     }
 }
 
-/// A fault, and the values of [`Fault::values`].
+/// A fault, and the values of the record of the fault.
 pub type Tripped = (Fault, [i16; 3]);
 
 /// Why a channel may not use all of its drive.

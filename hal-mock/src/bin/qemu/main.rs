@@ -29,6 +29,7 @@ use embassy_futures::join::join;
 use embassy_time::Instant;
 use firmware::app;
 use firmware::controller::Controller;
+use firmware::liveness::WATCHDOG_PERIOD;
 use firmware::personality::Boot;
 use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::settings::Settings;
@@ -69,7 +70,7 @@ fn main() -> ! {
 
     let line = Line::default();
     let (mut rx, mut tx) = line.board_end();
-    let watchdog = Watchdog::new(app::WATCHDOG_PERIOD); // which nobody waits for to bite
+    let watchdog = Watchdog::new(WATCHDOG_PERIOD); // which nobody waits for to bite
     let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels, &watchdog);
     let mut board = pin!(async {
         join(all, app::no_upkeep(channels)).await;

@@ -2,7 +2,7 @@
 //! the IDs they had in the beginning.
 
 use embassy_time::Instant;
-use firmware::personality::cm5::{BridgeCounters, Servo};
+use firmware::bridge::{BridgeCounters, BusServo};
 use hal_mock::cm5_board::{Cm5Board, Make};
 use hal_mock::plant::Ax12;
 use hal_mock::servo_bus::{self, Faults};
@@ -117,12 +117,12 @@ impl Machine for Cm5 {
     }
 }
 
-fn answers(servo: &&Servo) -> bool {
+fn answers(servo: &&BusServo) -> bool {
     servo.feedback.is_some()
 }
 
 /// What the bridge knows of a servo.
-fn of_servo(servo: &Servo) -> Value {
+fn of_servo(servo: &BusServo) -> Value {
     let counters = servo.counters;
     json!({
         "agreed": servo.is_agreed(),
@@ -160,7 +160,7 @@ fn of_bridge(counters: &BridgeCounters) -> Value {
             "line_errors": pc.line_errors,
         },
         "bus": {
-            "requests": bus.requests,
+            "instructions": bus.instructions,
             "collisions": bus.collisions,
             "stray_bytes": bus.stray_bytes,
             "line_errors": bus.line_errors,

@@ -13,13 +13,13 @@
 //! longer than [`READ_WITHIN`], since there may be one that does not take its limits.
 
 use embassy_time::{Duration, Instant};
-use protocol::cm5::{Answer, EncodeError, Goals, Hello, MAX_SERVOS, Refusal, Report, params_of};
+use protocol::cm5::{Goals, HelloAnswer, Refusal, params_of};
 
-use super::super::count;
+use super::bus_servo::{BusServo, Setup, Standing};
 use super::roster::Roster;
-use super::servo::{Servo, Standing};
+use super::settings::{BridgeSettings, OnSilence};
 use crate::fmt::warning;
-use crate::settings::{BridgeSettings, OnSilence};
+use crate::reception::count;
 
 /// "Send this packet once every second to the PC until get a reply" (page, "The PC Handshake").
 const HELLO_PERIOD: Duration = Duration::from_secs(1);
@@ -49,6 +49,14 @@ pub struct PcCounters {
     pub silences: u32,
     /// Errors that the line itself reported.
     pub line_errors: u32,
+}
+
+/// What the PC is told.
+pub enum Message {
+    /// Which servos there are.
+    Hello,
+    /// What those that the PC has agreed on tell.
+    Report,
 }
 
 /// What the bridge owes its PC, and what it has heard of it.
@@ -101,7 +109,7 @@ impl Pc {
     /// A cycle is complete.
     pub fn tell_report(&mut self, roster: &Roster, now: Instant) {
         let Some(reads_until) = self.reads_until else { return };
-        if now < reads_until && roster.iter().any(Servo::is_to_be_read) {
+        if now < reads_until && roster.iter().any(BusServo::is_to_be_read) {
             return;
         }
         self.reads_until = Some(Instant::MIN);
@@ -129,30 +137,22 @@ impl Pc {
         }
     }
 
-    /// The next packet to send.
-    pub fn transmit<'b>(
-        &mut self,
-        roster: &mut Roster,
-        now: Instant,
-        out: &'b mut [u8],
-    ) -> Option<&'b [u8]> {
-        let packet = if (self.news || self.silent) && now >= self.hello_at {
+    /// What is to be sent now, if anything; from now on it counts as sent.
+    pub fn next(&mut self, now: Instant) -> Option<Message> {
+        if (self.news || self.silent) && now >= self.hello_at {
             self.hello_at = self.next_hello(now);
             self.hello_said = Some(now);
             count(&mut self.counters.hellos_sent, 1);
-            hello(roster, out)
-        } else if self.report_due {
-            self.report_due = false;
+            Some(Message::Hello)
+        } else if core::mem::take(&mut self.report_due) {
             count(&mut self.counters.reports_sent, 1);
-            let agreed = roster.iter().filter(|servo| servo.is_agreed());
-            Report::encode(agreed.map(|servo| servo.feedback), out)
+            Some(Message::Report)
         } else {
-            return None;
-        };
-        packet.ok().map(|packet| &*packet)
+            None
+        }
     }
 
-    /// Does what an intact packet asks.
+    /// Does what a packet that was found intact asks.
     pub fn respond(&mut self, packet: &[u8], roster: &mut Roster, now: Instant) {
         let Some(params) = params_of(packet) else { return };
         if let Err(refusal) = self.carry_out(params, roster, now) {
@@ -171,10 +171,9 @@ impl Pc {
         now: Instant,
     ) -> Result<(), Refusal> {
         let goals = Goals::parse(params, roster.agreed());
-        let answer = if self.hello_said.is_some() {
-            Answer::parse(params, roster.told().count())
-        } else {
-            Err(Refusal::Length(params.len()))
+        let answer = match self.hello_said {
+            Some(_) => HelloAnswer::parse(params, roster.told().count()),
+            None => Err(Refusal::Length(params.len())),
         };
         match (answer, goals) {
             // Both at once are rare (see `protocol::cm5`): whom the bridge has asked may answer.
@@ -184,7 +183,7 @@ impl Pc {
             }
             (_, Ok(goals)) => {
                 for (servo, goal) in roster.iter_mut().filter(|s| s.is_agreed()).zip(goals.iter()) {
-                    servo.ordered = Some(goal);
+                    servo.newest = Some(goal);
                 }
                 count(&mut self.counters.goals, 1);
                 Ok(())
@@ -196,11 +195,11 @@ impl Pc {
         }
     }
 
-    fn take_answer(&mut self, answer: Answer<'_>, roster: &mut Roster, now: Instant) {
+    fn take_answer(&mut self, answer: HelloAnswer<'_>, roster: &mut Roster, now: Instant) {
         let told = roster.iter_mut().filter(|servo| servo.standing != Standing::Found);
         for (place, servo) in told.enumerate() {
-            if let Some(limits) = answer.limits(place) {
-                servo.agree(answer.return_delay, limits);
+            if let Some(setup) = answer.setup(place) {
+                servo.agree(Setup(setup));
             }
         }
         self.report_due = false;
@@ -223,22 +222,10 @@ impl Pc {
             count(&mut self.counters.silences, 1);
         }
         for servo in roster.iter_mut() {
-            servo.take_order(self.settings.pass_lock);
+            servo.take_goal(self.settings.pass_lock);
             if silent {
                 servo.rest(self.settings.on_silence == OnSilence::TorqueOff);
             }
         }
     }
-}
-
-/// Lists all servos; from now on the PC has been told of them.
-fn hello<'b>(roster: &mut Roster, out: &'b mut [u8]) -> Result<&'b mut [u8], EncodeError> {
-    let mut ids = heapless::Vec::<u8, MAX_SERVOS>::new();
-    for servo in roster.iter_mut() {
-        if servo.standing == Standing::Found {
-            servo.standing = Standing::Told;
-        }
-        ids.push(servo.id.number()).map_err(|_| EncodeError::TooLong)?;
-    }
-    Hello { ids: &ids }.encode(out)
 }

@@ -2,15 +2,15 @@
 //!
 //! Goals go out every cycle, new or not, in two SYNC_WRITEs (registers 24 to 35, and 47 to 49,
 //! since those between are read-only), and servos whose torque is to be off are told so in a third;
-//! each in packets of [`MAX_REQUEST`](super::exchange::MAX_REQUEST) bytes at the most.
+//! each in packets of [`MAX_INSTRUCTION`](super::exchange::MAX_INSTRUCTION) bytes at the most.
 
 use embassy_time::{Duration, Instant};
 use protocol::dynamixel::{EncodeError, Id, Register, SyncWriter};
 
-use super::exchange::MAX_REQUEST;
+use super::bus_servo::{BusServo, Order};
+use super::exchange::MAX_INSTRUCTION;
 use super::pc::Pc;
 use super::roster::Roster;
-use super::servo::{Drive, Servo};
 
 /// A cycle in which nobody was asked or told anything is followed by this pause, so that a PC still
 /// hears a hundred times a second that all its servos are silent.
@@ -38,11 +38,11 @@ impl Block {
     }
 
     /// What it has for this servo, if anything.
-    fn data(self, servo: &Servo) -> Option<&[u8]> {
-        match (self, servo.drive()) {
-            (Self::Off, Drive::Off) => Some(&[0]),
-            (Self::Motion, Drive::Goal(goal)) => Some(goal.blocks().0),
-            (Self::Lock, Drive::Goal(goal)) => Some(goal.blocks().1),
+    fn data(self, servo: &BusServo) -> Option<&[u8]> {
+        match (self, servo.order()) {
+            (Self::Off, Order::Off) => Some(&[0]),
+            (Self::Motion, Order::Goal(goal)) => Some(goal.blocks().0),
+            (Self::Lock, Order::Goal(goal)) => Some(goal.blocks().1),
             _ => None,
         }
     }
@@ -142,7 +142,7 @@ impl Cycle {
         out: &'b mut [u8],
     ) -> Result<(&'b mut [u8], Option<Id>), EncodeError> {
         let (register, len) = block.registers();
-        let room = out.get_mut(..MAX_REQUEST).unwrap_or_default();
+        let room = out.get_mut(..MAX_INSTRUCTION).unwrap_or_default();
         let mut writer = SyncWriter::new(room, register.address, len)?;
         let mut last = None;
         for servo in roster.behind(self.behind) {

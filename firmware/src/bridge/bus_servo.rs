@@ -10,18 +10,18 @@
 //!
 //! Limits that are both 0 make a servo turn *endlessly*, and then its speed means something else: 0
 //! stops it, while in a joint it is the greatest there is. So its torque is switched off, and seen
-//! to be off, before it is written from one mode to the other. What the bridge does with its motor
-//! is its [`Drive`], and there is one rule: **a servo is driven only by a goal that is newer than
+//! to be off, before it is written from one mode to the other. What it is sent
+//! every cycle is its [`Order`], and there is one rule: **a servo is driven only by a goal that is newer than
 //! whatever made the last one unsafe**.
 
 use core::ops::Range;
 
 use embassy_time::{Duration, Instant};
-use protocol::cm5::{Feedback, Goal, Limits};
+use protocol::cm5::{Feedback, ServoGoal};
 use protocol::dynamixel::{EncodeError, Errors, Id, Instruction, Register};
 
-use super::super::count;
-use super::exchange::{Answer, Expected, Outcome, PATIENCE, patience_with};
+use super::exchange::{Ending, Expected, PATIENCE, Status, patience_with};
+use crate::reception::count;
 
 /// So many times in a row a servo has not answered when it is missing: 60 ms of 18 servos' cycles.
 /// With one byte of a hundred damaged every fifth exchange of 22 bytes fails, and eight of them in
@@ -77,27 +77,22 @@ pub enum Stage {
     Work,
 }
 
-/// What the bridge does with a servo's motor.
+/// What a servo is sent every cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Drive {
+pub enum Order {
     /// It is left as it is: nothing is sent.
     Untouched,
     /// Its torque is switched off, again every cycle.
     Off,
     /// It is sent this goal every cycle.
-    Goal(Goal),
+    Goal(ServoGoal),
 }
 
 /// Return delay and limits, as the registers 5 to 9 hold them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Setup([u8; 5]);
+pub struct Setup(pub [u8; 5]);
 
 impl Setup {
-    fn new(return_delay: u8, limits: Limits) -> Self {
-        let [cw_low, cw_high, ccw_low, ccw_high] = limits.bytes();
-        Self([return_delay, cw_low, cw_high, ccw_low, ccw_high])
-    }
-
     fn turns_endlessly(self) -> bool {
         matches!(self.0, [_, 0, 0, 0, 0])
     }
@@ -122,7 +117,7 @@ impl Setup {
 pub struct ServoCounters {
     /// Intact answers.
     pub replies: u32,
-    /// Requests that nothing came back to.
+    /// Instructions that nothing came back to.
     pub time_outs: u32,
     /// Answers that came damaged.
     pub checksum_errors: u32,
@@ -130,7 +125,7 @@ pub struct ServoCounters {
     pub error_replies: u32,
     /// All error bits that were ever set.
     pub errors_seen: Errors,
-    /// Time from the end of the last request to the end of its answer, in microseconds.
+    /// Time from the end of the last instruction to the end of its answer, in microseconds.
     pub latency_us: u32,
     /// The longest such time.
     pub longest_latency_us: u32,
@@ -141,7 +136,7 @@ pub struct ServoCounters {
 }
 
 /// A servo on the bus.
-pub struct Servo {
+pub struct BusServo {
     /// Whom it takes itself for.
     pub id: Id,
     pub(super) standing: Standing,
@@ -157,8 +152,8 @@ pub struct Servo {
     /// How long it is left alone, once it is missing.
     probe: Duration,
     /// The newest goal of the PC, for the next cycle.
-    pub(super) ordered: Option<Goal>,
-    drive: Drive,
+    pub(super) newest: Option<ServoGoal>,
+    order: Order,
     /// It has not been read since the PC has changed its limits.
     is_unread: bool,
     /// What it told when it was last asked; `None` if it did not answer.
@@ -167,7 +162,7 @@ pub struct Servo {
     pub counters: ServoCounters,
 }
 
-impl Servo {
+impl BusServo {
     pub(super) fn new(id: Id) -> Self {
         Self {
             id,
@@ -179,8 +174,8 @@ impl Servo {
             writes_left: 0,
             strikes: 0,
             probe: FIRST_PROBE,
-            ordered: None,
-            drive: Drive::Untouched,
+            newest: None,
+            order: Order::Untouched,
             is_unread: false,
             feedback: None,
             counters: ServoCounters::default(),
@@ -198,16 +193,15 @@ impl Servo {
     }
 
     /// The PC wants it so. Nothing happens if it has wanted that before.
-    pub(super) fn agree(&mut self, return_delay: u8, limits: Limits) {
-        let wanted = Setup::new(return_delay, limits);
+    pub(super) fn agree(&mut self, wanted: Setup) {
         let before = self.wanted.replace(wanted);
         if self.is_agreed() && before == Some(wanted) {
             return;
         }
         if before.is_some_and(|before| before.turns_endlessly() != wanted.turns_endlessly()) {
             // Its goals were meant for the other mode.
-            self.ordered = None;
-            self.drive = Drive::Off;
+            self.newest = None;
+            self.order = Order::Off;
         }
         self.standing = Standing::Agreed;
         self.writes_left = WRITES;
@@ -221,25 +215,26 @@ impl Servo {
         self.is_unread && !self.is_missing()
     }
 
-    /// Brings the newest goal into force.
-    pub(super) fn take_order(&mut self, pass_lock: bool) {
-        if let Some(goal) = self.ordered.take() {
-            self.drive = Drive::Goal(if pass_lock { goal } else { goal.with(Register::LOCK, 0) });
+    /// Brings the newest goal into force. Its lock is looked at, since one that is set outlives the
+    /// PC's wish: it goes out only if a setting says so.
+    pub(super) fn take_goal(&mut self, pass_lock: bool) {
+        if let Some(goal) = self.newest.take() {
+            self.order = Order::Goal(if pass_lock { goal } else { goal.with(Register::LOCK, 0) });
         }
     }
 
     /// The PC is silent: what turns endlessly stops, and with `torque_off` all torque goes.
     pub(super) fn rest(&mut self, torque_off: bool) {
         if torque_off || self.turns_endlessly() {
-            self.drive = Drive::Off;
+            self.order = Order::Off;
         }
     }
 
     /// Its goal is not sent again: whatever drives it next is newer. What it does meanwhile is left
     /// to itself.
     pub(super) fn withdraw_goal(&mut self) {
-        if let Drive::Goal(_) = self.drive {
-            self.drive = Drive::Untouched;
+        if let Order::Goal(_) = self.order {
+            self.order = Order::Untouched;
         }
     }
 
@@ -249,14 +244,14 @@ impl Servo {
         (self.is_agreed() || self.held.is_none()) && now >= self.from
     }
 
-    /// What it is to be sent now. No goal before its limits hold, but to stop is always allowed: a
-    /// servo that is not heard may hear. One that turns endlessly is stopped while it is missing,
-    /// since its move has no end.
-    pub(super) fn drive(&self) -> &Drive {
-        match &self.drive {
-            Drive::Goal(goal) if self.stage != Stage::Work => {
+    /// What it is to be sent now. No goal before its limits hold, but to stop is always allowed, and
+    /// so a goal's torque enable is looked at: a servo that is not heard may hear. One that turns
+    /// endlessly is stopped while it is missing, since its move has no end.
+    pub(super) fn order(&self) -> &Order {
+        match &self.order {
+            Order::Goal(goal) if self.stage != Stage::Work => {
                 let stops = goal.get(Register::TORQUE_ENABLE) == 0 || self.turns_endlessly();
-                if stops { &Drive::Off } else { &Drive::Untouched }
+                if stops { &Order::Off } else { &Order::Untouched }
             }
             drive => drive,
         }
@@ -267,8 +262,8 @@ impl Servo {
         self.held.map_or(self.is_missing(), Setup::turns_endlessly)
     }
 
-    /// The request that is due, and what answers it.
-    pub(super) fn request<'b>(
+    /// The instruction that is due, and what answers it.
+    pub(super) fn instruction<'b>(
         &self,
         out: &'b mut [u8],
     ) -> Result<(&'b mut [u8], Expected), EncodeError> {
@@ -297,11 +292,11 @@ impl Servo {
         wanted.get(begin..begin + usize::from(count)).unwrap_or_default()
     }
 
-    /// Takes what came of the request of stage `asked`. Answers whether the servo is back after it
+    /// Takes what came of the instruction of stage `asked`. Answers whether the servo is back after it
     /// was missing.
-    pub(super) fn conclude(&mut self, asked: Stage, outcome: Outcome, now: Instant) -> bool {
-        self.note(outcome);
-        match (asked, outcome) {
+    pub(super) fn conclude(&mut self, asked: Stage, ending: Ending, now: Instant) -> bool {
+        self.note(ending);
+        match (asked, ending) {
             // Whether it was answered depends on the servo's status return level; the check that
             // follows tells whether it was done.
             (Stage::Write { count: bytes, .. }, _) => {
@@ -318,21 +313,21 @@ impl Servo {
             }
             // The PC has asked for another setup meanwhile, and this does not tell of it.
             _ if asked != self.stage => false,
-            (stage, Outcome::Answered(answer)) => {
+            (stage, Ending::Answered(status)) => {
                 let returned = self.is_missing();
                 self.strikes = 0;
                 self.probe = FIRST_PROBE;
-                if SHUTDOWN.into_iter().any(|error| answer.errors.contains(error)) {
+                if SHUTDOWN.into_iter().any(|error| status.errors.contains(error)) {
                     self.withdraw_goal();
                 }
                 match stage {
                     Stage::Work => {
                         self.is_unread = false;
-                        self.feedback = Some(Feedback(answer.data));
+                        self.feedback = Some(Feedback(status.data));
                     }
-                    Stage::Confirm if answer.data[0] == 0 => self.write_what_differs(now),
+                    Stage::Confirm if status.data[0] == 0 => self.write_what_differs(now),
                     Stage::Confirm => self.stage = Stage::Release,
-                    _ => self.compare(&answer, now),
+                    _ => self.compare(&status, now),
                 }
                 if returned {
                     count(&mut self.counters.returns, 1);
@@ -353,32 +348,32 @@ impl Servo {
         }
     }
 
-    fn note(&mut self, outcome: Outcome) {
+    fn note(&mut self, ending: Ending) {
         let counters = &mut self.counters;
-        let errors = match outcome {
-            Outcome::Answered(answer) => {
-                counters.latency_us = answer.latency.as_micros() as u32; // 5 ms at the most
+        let errors = match ending {
+            Ending::Answered(status) => {
+                counters.latency_us = status.latency.as_micros() as u32; // 5 ms at the most
                 counters.longest_latency_us = counters.longest_latency_us.max(counters.latency_us);
                 count(&mut counters.replies, 1);
-                answer.errors
+                status.errors
             }
-            Outcome::Refused(errors) => {
+            Ending::Refused(errors) => {
                 count(&mut counters.replies, 1);
                 errors
             }
-            Outcome::TimedOut => return count(&mut counters.time_outs, 1),
-            Outcome::Damaged => return count(&mut counters.checksum_errors, 1),
-            Outcome::Collided | Outcome::Sent => return, // the bus has counted it
+            Ending::TimedOut => return count(&mut counters.time_outs, 1),
+            Ending::Damaged => return count(&mut counters.checksum_errors, 1),
+            Ending::Collided | Ending::Sent => return, // the bus has counted it
         };
         counters.errors_seen |= errors;
-        if errors != Errors::NONE || matches!(outcome, Outcome::Refused(_)) {
+        if errors != Errors::NONE || matches!(ending, Ending::Refused(_)) {
             count(&mut counters.error_replies, 1);
         }
     }
 
     /// Compares what was read with what is wanted, and decides what comes next.
-    fn compare(&mut self, answer: &Answer, now: Instant) {
-        let Some((held, _)) = answer.data.split_first_chunk() else { return };
+    fn compare(&mut self, status: &Status, now: Instant) {
+        let Some((held, _)) = status.data.split_first_chunk() else { return };
         let held = Setup(*held);
         self.held = Some(held);
         let Some(wanted) = self.wanted else { return };

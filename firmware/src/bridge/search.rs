@@ -5,7 +5,7 @@
 //! without answer.
 //!
 //! The search asks every ID from 1 to 253. The watch asks one of the IDs without a servo at a time,
-//! spread over [`WATCH_PERIOD`], between two requests of the loop of work.
+//! spread over [`WATCH_PERIOD`], between two instructions of the loop of work.
 
 use core::ops::RangeInclusive;
 
@@ -19,7 +19,7 @@ const IDS: RangeInclusive<u8> = 1..=253;
 /// the bus.
 const WATCH_PERIOD: Duration = Duration::from_millis(4800);
 /// After an answer the search listens for more, so that a second one (two servos with one ID, or a
-/// servo that stutters) does not fall into the next request.
+/// servo that stutters) does not fall into the next instruction.
 const AFTER_ANSWER: Duration = Duration::from_micros(300);
 
 /// The search at boot, and the watch that it becomes.

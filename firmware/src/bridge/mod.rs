@@ -7,18 +7,34 @@
 //!            └──────────────────────────────────┘
 //! ```
 //!
-//! It has no I/O and no clock: bytes of both sides and the time go in, bytes for both come out. The
-//! two sides meet in the roster of servos only, so neither waits for the other: goals are
-//! taken once a cycle, whatever has come by then; a report is made when the PC's line is free, from
-//! what is true then, and one that finds it busy for a whole cycle is skipped and counted.
+//! A [`Bridge`] has no I/O and no clock: bytes of both sides and the time go in, bytes for both come
+//! out; [`tasks`] run it. The two sides meet in the roster of servos only, so neither waits for the
+//! other: goals are taken once a cycle, whatever has come by then; a report is made when the PC's
+//! line is free, from what is true then, and one that finds it busy for a whole cycle is skipped and
+//! counted.
 //!
 //! | module | what it is |
 //! |---|---|
-//! | `exchange` | one request on the bus and its answer |
+//! | `exchange` | one instruction on the bus and its answer |
 //! | `search` | who is on the bus, at boot and later |
-//! | `servo` | one servo: its setup, its strikes, its counters |
+//! | `bus_servo` | one servo: its setup, its strikes, its counters |
+//! | `roster` | all servos, and what is written to the PC of them |
 //! | `cycle` | the loop of work |
 //! | `pc` | hello, answers, goals, reports, silence |
+//! | `settings` | what an owner may choose |
+//! | [`tasks`] | its three loops, where time passes |
+//!
+//! The walks of a byte through it, hop by hop, stand in the front page of the [crate].
+//!
+//! What the bridge looks at of what it passes on; all else goes through as it came:
+//!
+//! | what | where | why |
+//! |---|---|---|
+//! | of the fifteen bytes, whether a servo takes them | `Goals::parse` | one that does not take a value does nothing of its packet, not even stop, and cannot tell |
+//! | lock | `BusServo::take_goal` | set, it bars limits and return delay until power-off: only if a setting allows it |
+//! | torque enable | `BusServo::order` | to stop is allowed also while nothing else is |
+//! | of an answer, overheat and overload | `BusServo::conclude` | the servo has switched itself off, and the same goal would switch it on again |
+//! | of the eight bytes, nothing | | |
 //!
 //! Rules, where the page ("Communication protocol between PC and CM5") and the facts leave them to
 //! us:
@@ -46,30 +62,33 @@
 //!   Before the PC's first word silence counts from the end of the search, so what turned when the
 //!   bridge began is stopped too.
 
+mod bus_servo;
 mod cycle;
 mod exchange;
 mod pc;
 mod roster;
 mod search;
-mod servo;
+mod settings;
+pub mod tasks;
 
 use embassy_time::Instant;
 use protocol::cm5::Cm5;
 use protocol::deframe::Reception;
 use protocol::dynamixel::{Id, Instruction};
 
-use super::{TimedReceiver, count};
-use crate::settings::BridgeSettings;
+use crate::reception::{TimedReceiver, count};
+use bus_servo::Stage;
 use cycle::{Cycle, Job};
-use exchange::{BRIEF_PATIENCE, Bus, Expected, Outcome, PATIENCE};
-use pc::Pc;
+use exchange::{BRIEF_PATIENCE, Ending, Exchange, Expected, PATIENCE};
+use pc::{Message, Pc};
 use roster::Roster;
 use search::Search;
 
-pub use exchange::{BusCounters, MAX_REQUEST};
+pub use bus_servo::{BusServo, ServoCounters};
+pub use exchange::{BusCounters, MAX_INSTRUCTION};
 pub use pc::PcCounters;
 pub use protocol::cm5::{MAX_PACKET, MAX_SERVOS};
-pub use servo::{Servo, ServoCounters, Stage};
+pub use settings::{BridgeSettings, OnSilence};
 
 /// What a bridge has counted. The counters wrap; those of a servo are with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -102,7 +121,7 @@ enum Purpose {
 pub struct Bridge {
     receiver: TimedReceiver<Cm5, MAX_PACKET>,
     pc: Pc,
-    bus: Bus,
+    exchange: Exchange,
     roster: Roster,
     search: Search,
     cycle: Cycle,
@@ -119,7 +138,7 @@ impl Bridge {
         Self {
             receiver: TimedReceiver::new(),
             pc: Pc::new(settings),
-            bus: Bus::new(),
+            exchange: Exchange::new(),
             roster: Roster::new(),
             search: Search::new(settings.search_retries, now),
             cycle: Cycle::new(),
@@ -134,14 +153,14 @@ impl Bridge {
         BridgeCounters {
             reception: self.receiver.reception(),
             pc: self.pc.counters,
-            bus: self.bus.counters(),
+            bus: self.exchange.counters(),
             cycles: self.cycle.cycles,
             ..self.counters
         }
     }
 
     /// The servos found so far, in the order of their IDs.
-    pub fn servos(&self) -> impl Iterator<Item = &Servo> {
+    pub fn servos(&self) -> impl Iterator<Item = &BusServo> {
         self.roster.iter()
     }
 
@@ -180,27 +199,31 @@ impl Bridge {
     /// The next packet to the PC, written into `out`; `None` if there is nothing to say now. Call
     /// it whenever the line is free. `out` holds at least [`MAX_PACKET`] bytes.
     pub fn transmit<'b>(&mut self, now: Instant, out: &'b mut [u8]) -> Option<&'b [u8]> {
-        self.pc.transmit(&mut self.roster, now, out)
+        let packet = match self.pc.next(now)? {
+            Message::Hello => self.roster.hello(out),
+            Message::Report => self.roster.report(out),
+        };
+        packet.ok().map(|packet| &*packet)
     }
 
     /// Takes bytes that were heard on the bus: the echo of what was sent, and what followed.
     pub fn bus_hears(&mut self, mut bytes: &[u8], now: Instant) {
         while !bytes.is_empty() {
-            if let Some(outcome) = self.bus.receive(&mut bytes, now) {
-                self.conclude(outcome, now);
+            if let Some(ending) = self.exchange.receive(&mut bytes, now) {
+                self.conclude(ending, now);
             }
         }
     }
 
     /// Counts an error that the bus's receiver or transmitter reported.
     pub fn bus_failed(&mut self) {
-        self.bus.line_failed();
+        self.exchange.line_failed();
     }
 
     /// When [`bus_sends`](Self::bus_sends) has something to do although nothing was heard; asked
     /// after that has answered `None`.
     pub fn bus_acts_at(&self) -> Instant {
-        match self.bus.waits_until() {
+        match self.exchange.waits_until() {
             Some(until) => until,
             None if self.is_searching() => self.search.due,
             None if self.roster.is_full() => self.cycle.rests_until(),
@@ -210,19 +233,23 @@ impl Bridge {
 
     /// The next packet for the bus, written into `out`; `None` while one waits for an answer, or
     /// when there is nothing to do. Call it whenever something was heard, and at
-    /// [`bus_acts_at`](Self::bus_acts_at). `out` holds at least [`MAX_REQUEST`] bytes.
+    /// [`bus_acts_at`](Self::bus_acts_at). `out` holds at least [`MAX_INSTRUCTION`] bytes.
     pub fn bus_sends<'b>(&mut self, now: Instant, out: &'b mut [u8]) -> Option<&'b [u8]> {
-        if let Some(outcome) = self.bus.expire(now) {
-            self.conclude(outcome, now);
+        if let Some(ending) = self.exchange.expire(now) {
+            self.conclude(ending, now);
         }
-        if self.bus.waits_until().is_some() {
+        if self.exchange.waits_until().is_some() {
             return None;
         }
         if let Some(id) = self.whom_to_ping(now) {
             self.purpose = Some(Purpose::Ping);
             let patience = if self.is_searching() { PATIENCE } else { BRIEF_PATIENCE };
             let expected = Expected { id, data: 0, patience };
-            return self.bus.send(Instruction::Ping.encode(id, out).ok()?, Some(expected), now);
+            return self.exchange.send(
+                Instruction::Ping.encode(id, out).ok()?,
+                Some(expected),
+                now,
+            );
         }
         if self.is_searching() {
             return None;
@@ -230,14 +257,14 @@ impl Bridge {
         match self.cycle.next(&mut self.roster, &mut self.pc, now)? {
             Job::Servo(id) => {
                 let servo = self.roster.get_mut(id)?;
-                let (packet, expected) = servo.request(out).ok()?;
+                let (packet, expected) = servo.instruction(out).ok()?;
                 self.purpose = Some(Purpose::Servo(id, servo.stage));
-                self.bus.send(packet, Some(expected), now)
+                self.exchange.send(packet, Some(expected), now)
             }
             Job::Goals(block) => {
                 let (packet, last) = self.cycle.goals(block, &self.roster, out).ok()?;
                 self.purpose = last.map(Purpose::Goals);
-                self.bus.send(packet, None, now)
+                self.exchange.send(packet, None, now)
             }
         }
     }
@@ -257,14 +284,14 @@ impl Bridge {
     }
 
     /// Does what the end of an exchange asks for.
-    fn conclude(&mut self, outcome: Outcome, now: Instant) {
+    fn conclude(&mut self, ending: Ending, now: Instant) {
         let Some(purpose) = self.purpose.take() else { return };
-        // Nothing has moved on yet, so the same request comes again.
-        self.again = outcome == Outcome::Collided && !self.again;
+        // Nothing has moved on yet, so the same instruction comes again.
+        self.again = ending == Ending::Collided && !self.again;
         if self.again {
             return;
         }
-        let answered = matches!(outcome, Outcome::Answered(_));
+        let answered = matches!(ending, Ending::Answered(_));
         match purpose {
             Purpose::Ping => {
                 let Some(id) = self.search.conclude(answered, self.roster.len(), now) else {
@@ -282,7 +309,7 @@ impl Bridge {
             Purpose::Servo(id, asked) => {
                 self.cycle.served(id);
                 let Some(servo) = self.roster.get_mut(id) else { return };
-                if servo.conclude(asked, outcome, now) {
+                if servo.conclude(asked, ending, now) {
                     if self.pc.silent {
                         servo.withdraw_goal();
                     }

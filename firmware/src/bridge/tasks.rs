@@ -29,9 +29,9 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
 
-use super::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
-use super::{CHUNK, LINE_DOWN};
-use crate::personality::cm5::{Bridge, MAX_PACKET, MAX_REQUEST};
+use super::{Bridge, MAX_INSTRUCTION, MAX_PACKET};
+use crate::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
+use crate::reception::{CHUNK, LINE_DOWN};
 
 /// Who must answer, for the bus's loop to feed the watchdog.
 const RECEIVE: usize = 0;
@@ -58,17 +58,18 @@ impl<M: RawMutex> Default for BridgeChannels<M> {
 }
 
 /// Runs the bridge, and calls `feed` as long as its loops come round: the watchdog must bear
-/// [`BRIDGE_WATCHDOG_PERIOD`](super::BRIDGE_WATCHDOG_PERIOD). What holds for the lines of [`link`](super::link)
+/// [`BRIDGE_WATCHDOG_PERIOD`](crate::liveness::BRIDGE_WATCHDOG_PERIOD). What holds for the lines of
+/// [`link`](crate::app::link)
 /// holds for both of these; a failed line is counted, and used again after 1 ms.
 ///
 /// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
 /// whatever answers it, and a `write` there is complete when the last stop bit has left, or later.
-/// The buffer below `bus_rx` holds the longest request and an answer:
-/// [`MAX_REQUEST`] and 14 bytes.
+/// The buffer below `bus_rx` holds the longest instruction and an answer:
+/// [`MAX_INSTRUCTION`] and 14 bytes.
 ///
-/// Deadline: the bus is handed its next request within microseconds after an answer, or the cycle
+/// Deadline: the bus is handed its next instruction within microseconds after an answer, or the cycle
 /// gets longer by what it takes; nothing is lost.
-pub async fn bridge<M: RawMutex>(
+pub async fn run<M: RawMutex>(
     (pc_rx, pc_tx): (&mut impl Read, &mut impl Write),
     (bus_rx, bus_tx): (&mut impl Read, &mut impl Write),
     bridge: &RefCell<Bridge>,
@@ -76,16 +77,16 @@ pub async fn bridge<M: RawMutex>(
     feed: impl FnMut(),
 ) -> ! {
     join3(
-        bridge_receive(pc_rx, bridge, channels),
-        bridge_transmit(pc_tx, bridge, channels),
-        bridge_bus(bus_rx, bus_tx, bridge, channels, feed),
+        receive(pc_rx, bridge, channels),
+        transmit(pc_tx, bridge, channels),
+        bus(bus_rx, bus_tx, bridge, channels, feed),
     )
     .await;
     unreachable!("all loops are endless")
 }
 
-/// Listens to the PC: a loop of [`bridge`].
-pub async fn bridge_receive<M: RawMutex>(
+/// Listens to the PC: a loop of [`run`].
+pub async fn receive<M: RawMutex>(
     pc_rx: &mut impl Read,
     bridge: &RefCell<Bridge>,
     channels: &BridgeChannels<M>,
@@ -110,8 +111,8 @@ pub async fn bridge_receive<M: RawMutex>(
     }
 }
 
-/// Talks to the PC: a loop of [`bridge`].
-pub async fn bridge_transmit<M: RawMutex>(
+/// Talks to the PC: a loop of [`run`].
+pub async fn transmit<M: RawMutex>(
     pc_tx: &mut impl Write,
     bridge: &RefCell<Bridge>,
     channels: &BridgeChannels<M>,
@@ -136,15 +137,15 @@ pub async fn bridge_transmit<M: RawMutex>(
     }
 }
 
-/// Talks to the servos, and feeds the watchdog: a loop of [`bridge`].
-pub async fn bridge_bus<M: RawMutex>(
+/// Talks to the servos, and feeds the watchdog: a loop of [`run`].
+pub async fn bus<M: RawMutex>(
     bus_rx: &mut impl Read,
     bus_tx: &mut impl Write,
     bridge: &RefCell<Bridge>,
     channels: &BridgeChannels<M>,
     mut feed: impl FnMut(),
 ) -> ! {
-    let mut request = [0; MAX_REQUEST];
+    let mut instruction = [0; MAX_INSTRUCTION];
     let mut buffer = [0; CHUNK];
     let mut checked = Instant::now();
     loop {
@@ -154,7 +155,7 @@ pub async fn bridge_bus<M: RawMutex>(
         if channels.roll_call.check(passed_ms, false) != Liveness::Hung {
             feed();
         }
-        let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut request);
+        let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut instruction);
         if bridge.borrow().sends_at() <= Instant::now() {
             channels.something_to_send.signal(());
         }

@@ -6,7 +6,7 @@
 //!
 //! | | controller | CM-5 |
 //! |---|---|---|
-//! | feeder, and how often it feeds | `control`, 1 ms | `bridge_bus`, 50 ms at the most |
+//! | feeder, and how often it feeds | `control`, 1 ms | `bridge::tasks::bus`, 50 ms at the most |
 //! | a task hangs after a silence of | [`LONGEST_SILENCE`] | [`BRIDGE_SILENCE`] |
 //! | the watchdog bites after | [`WATCHDOG_PERIOD`], 35 to 96.5 ms | [`BRIDGE_WATCHDOG_PERIOD`], 170 to 471 ms |
 //!
@@ -27,12 +27,12 @@ use embassy_time::Duration;
 
 /// A task that waits for something answers at least this often. One that works answers when the work
 /// is done: a picture 2 ms, a telemetry frame 4.3 ms, a ranger's turn 40 ms.
-pub(super) const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
+pub const CHECK_IN_PERIOD: Duration = Duration::from_millis(50);
 /// The longest work between two answers is the longest frame at 9600 baud, 87.5 ms.
-pub(super) const LONGEST_SILENCE: Duration = Duration::from_millis(90);
+pub const LONGEST_SILENCE: Duration = Duration::from_millis(90);
 /// The longest report, of 100 servos at 57,600 baud, takes 140 ms; a check adds the
 /// feeder's whole interval, 50 ms, even to a task that has just answered.
-pub(super) const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
+pub const BRIDGE_SILENCE: Duration = Duration::from_millis(200);
 /// How long a start or an upkeep may take, in passes of control, of which none happens while a sector
 /// is erased. Setting the display up takes 30 ms, a save of settings 40 ms (twice that in damaged flash),
 /// the wait for the last answer to leave before a restart 100 ms.
@@ -51,7 +51,7 @@ pub const ERASE_PERIOD: Duration = Duration::from_millis(1024);
 
 /// What the feeder may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Liveness {
+pub(crate) enum Liveness {
     /// Feed, but drive nothing: a task has still to begin.
     Starting,
     /// Drive and feed.
@@ -63,7 +63,7 @@ pub(super) enum Liveness {
 /// How long each of `TASKS` tasks has been silent, in the time that the feeder reports. Control reports
 /// 1 ms a pass, however late it is, and so nobody's silence grows while it is held up; the CM-5's reports
 /// the time that has passed.
-pub(super) struct RollCall<M: RawMutex, const TASKS: usize> {
+pub(crate) struct RollCall<M: RawMutex, const TASKS: usize> {
     longest_silence_ms: u16,
     state: Mutex<M, Cell<State<TASKS>>>,
 }
@@ -79,7 +79,7 @@ struct State<const TASKS: usize> {
 
 impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
     /// Nobody has answered yet.
-    pub(super) const fn new(longest_silence: Duration) -> Self {
+    pub(crate) const fn new(longest_silence: Duration) -> Self {
         let state = State { silence: [None; TASKS], excused: 0, has_hung: false };
         Self {
             longest_silence_ms: longest_silence.as_millis() as u16, // 200 at the most
@@ -88,7 +88,7 @@ impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
     }
 
     /// The task of this number, 0 to `TASKS` - 1, answers.
-    pub(super) fn answer(&self, task: usize) {
+    pub(crate) fn answer(&self, task: usize) {
         self.change(|state| {
             if let Some(silence) = state.silence.get_mut(task) {
                 *silence = Some(0);
@@ -98,7 +98,7 @@ impl<M: RawMutex, const TASKS: usize> RollCall<M, TASKS> {
 
     /// The feeder checks, and reports the time since its last check. If commands are `held` back, a task
     /// that waits for one to be carried out has not hung: no silence is counted.
-    pub(super) fn check(&self, passed_ms: u16, held: bool) -> Liveness {
+    pub(crate) fn check(&self, passed_ms: u16, held: bool) -> Liveness {
         self.change(|state| {
             let has_begun = !state.silence.contains(&None);
             if has_begun && !held {

@@ -1,16 +1,20 @@
-//! One request on the servo bus, and its answer.
+//! One instruction on the servo bus, and its answer.
 //!
 //! The bus is one wire: what we send comes back first, as an *echo*, and only what follows it can
 //! be an answer. An echo that is not what we sent means that somebody else was talking, a
-//! *collision*: nobody has understood the request, and nothing on the line is believed until it
+//! *collision*: nobody has understood the instruction, and nothing on the line is believed until it
 //! has been quiet. Bytes that nobody was asked for are *strays*: counted and dropped.
 //!
 //! The echo also tells when the last stop bit has left; an answer's time begins there.
+//!
+//! An answer is checked here and nowhere else: start, ID, length and sum by the receiver, then who
+//! sent it, and how much. What goes on is a [`Status`].
 
 use embassy_time::{Duration, Instant};
+use protocol::cm5::Feedback;
 use protocol::dynamixel::{Errors, Id, OVERHEAD, Packet, StatusReceiver};
 
-use super::super::count;
+use crate::reception::count;
 
 /// A byte at 1 Mbaud.
 const BYTE: Duration = Duration::from_micros(10);
@@ -27,12 +31,12 @@ const ECHO_SLACK: Duration = Duration::from_millis(2);
 /// them takes 2.3 ms.
 const LONGEST_ANSWER: Duration = Duration::from_millis(3);
 
-/// The longest request. An AX-12 has a receive buffer of 143 bytes.
-pub const MAX_REQUEST: usize = 143;
-/// The most that we ask for: the registers 36 to 43.
-const MAX_DATA: usize = 8;
+/// The longest instruction. An AX-12 has a receive buffer of 143 bytes.
+pub const MAX_INSTRUCTION: usize = 143;
+/// The most that we ask for.
+const MAX_DATA: usize = Feedback::BYTES;
 
-/// How long an answer may let us wait, counted from the request's last stop bit, besides its own
+/// How long an answer may let us wait, counted from the instruction's last stop bit, besides its own
 /// time: the return delay may be the longest, register 5 at 254, and there may be a stall.
 pub const PATIENCE: Duration = Duration::from_micros(508 + 150);
 /// 60 us instead of a stall, for whoever will ask again anyway.
@@ -45,29 +49,29 @@ pub fn patience_with(return_delay: u8) -> Duration {
 
 /// How an exchange ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    /// The request has left, and nobody answers to such a one.
+pub enum Ending {
+    /// The instruction has left, and nobody answers to such a one.
     Sent,
     /// The servo answered as it should.
-    Answered(Answer),
+    Answered(Status),
     /// The servo answered, but not with what was asked for.
     Refused(Errors),
     /// Something came, but no intact answer.
     Damaged,
     /// Nothing came.
     TimedOut,
-    /// What was on the line was not our request.
+    /// What was on the line was not our instruction.
     Collided,
 }
 
-/// What a servo answered.
+/// A servo's answer that was found good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Answer {
+pub struct Status {
     /// Its error bits.
     pub errors: Errors,
     /// The registers read, from the front.
     pub data: [u8; MAX_DATA],
-    /// From the request's last stop bit to the answer's.
+    /// From the instruction's last stop bit to the answer's.
     pub latency: Duration,
 }
 
@@ -87,7 +91,7 @@ enum Phase {
     Idle,
     /// So many bytes have come back.
     Echo(usize),
-    /// The request was complete then.
+    /// The instruction was complete then.
     Answer(Expected, Instant),
     Collision,
 }
@@ -95,9 +99,9 @@ enum Phase {
 /// What the bus has counted. The counters wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BusCounters {
-    /// Requests sent.
-    pub requests: u32,
-    /// Requests during which somebody else was talking, or whose echo did not come back.
+    /// Instructions sent.
+    pub instructions: u32,
+    /// Instructions during which somebody else was talking, or whose echo did not come back.
     pub collisions: u32,
     /// Bytes that nobody was asked for: garbage, second answers, late ones.
     pub stray_bytes: u32,
@@ -105,32 +109,32 @@ pub struct BusCounters {
     pub line_errors: u32,
 }
 
-/// The bus, with at most one exchange on it.
-pub struct Bus {
-    request: heapless::Vec<u8, MAX_REQUEST>,
+/// The exchange on the bus, one at the most.
+pub struct Exchange {
+    instruction: heapless::Vec<u8, MAX_INSTRUCTION>,
     expected: Option<Expected>,
     phase: Phase,
     /// When the phase is over for want of bytes, and when in spite of them.
     deadline: Instant,
     limit: Instant,
     receiver: StatusReceiver,
-    /// Whether anything has come since the request was complete.
+    /// Whether anything has come since the instruction was complete.
     heard: bool,
     /// Strays are counted from the receiver too.
     counters: BusCounters,
 }
 
-impl Bus {
-    pub const fn new() -> Self {
+impl Exchange {
+    pub fn new() -> Self {
         Self {
-            request: heapless::Vec::new(),
+            instruction: heapless::Vec::new(),
             expected: None,
             phase: Phase::Idle,
             deadline: Instant::MAX,
             limit: Instant::MAX,
             receiver: StatusReceiver::new(),
             heard: false,
-            counters: BusCounters { requests: 0, collisions: 0, stray_bytes: 0, line_errors: 0 },
+            counters: BusCounters::default(),
         }
     }
 
@@ -159,26 +163,26 @@ impl Bus {
         expected: Option<Expected>,
         now: Instant,
     ) -> Option<&'b [u8]> {
-        self.request = heapless::Vec::from_slice(packet).ok()?;
+        self.instruction = heapless::Vec::from_slice(packet).ok()?;
         self.expected = expected;
         self.phase = Phase::Echo(0);
         self.deadline = now + BYTE * packet.len() as u32 + ECHO_SLACK; // up to 143
         self.limit = Instant::MAX;
-        count(&mut self.counters.requests, 1);
+        count(&mut self.counters.instructions, 1);
         Some(packet)
     }
 
     /// Takes bytes from the bus until the exchange has ended; call it until all are taken.
-    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Outcome> {
+    pub fn receive(&mut self, bytes: &mut &[u8], now: Instant) -> Option<Ending> {
         while !bytes.is_empty() {
             match self.phase {
                 Phase::Echo(echoed) => {
-                    let expected = self.request.get(echoed..).unwrap_or_default();
+                    let expected = self.instruction.get(echoed..).unwrap_or_default();
                     let same = expected.iter().zip(*bytes).take_while(|(a, b)| a == b).count();
                     *bytes = &bytes[same..]; // no more than there are
                     if same == expected.len() {
-                        if let Some(outcome) = self.sent(now) {
-                            return Some(outcome);
+                        if let Some(ending) = self.sent(now) {
+                            return Some(ending);
                         }
                     } else if bytes.is_empty() {
                         self.phase = Phase::Echo(echoed + same);
@@ -190,10 +194,10 @@ impl Bus {
                     self.heard = true;
                     self.deadline = self.deadline.max(now + NEXT_BYTE);
                     while let Some(packet) = self.receiver.receive(bytes) {
-                        let outcome = expected.judge(packet, now - since);
-                        if outcome.is_some() {
+                        let ending = expected.judge(packet, now - since);
+                        if ending.is_some() {
                             self.phase = Phase::Idle;
-                            return outcome;
+                            return ending;
                         }
                         count(&mut self.counters.stray_bytes, packet.len() as u32); // 56 at the most
                     }
@@ -209,24 +213,24 @@ impl Bus {
     }
 
     /// Ends the exchange if its time is over.
-    pub fn expire(&mut self, now: Instant) -> Option<Outcome> {
+    pub fn expire(&mut self, now: Instant) -> Option<Ending> {
         if self.waits_until().is_none_or(|until| now < until) {
             return None;
         }
         match core::mem::replace(&mut self.phase, Phase::Idle) {
             Phase::Idle => None,
-            Phase::Answer(..) if self.heard => Some(Outcome::Damaged),
-            Phase::Answer(..) => Some(Outcome::TimedOut),
+            Phase::Answer(..) if self.heard => Some(Ending::Damaged),
+            Phase::Answer(..) => Some(Ending::TimedOut),
             Phase::Echo(_) => {
                 count(&mut self.counters.collisions, 1);
-                Some(Outcome::Collided)
+                Some(Ending::Collided)
             }
-            Phase::Collision => Some(Outcome::Collided),
+            Phase::Collision => Some(Ending::Collided),
         }
     }
 
     /// The echo is complete.
-    fn sent(&mut self, now: Instant) -> Option<Outcome> {
+    fn sent(&mut self, now: Instant) -> Option<Ending> {
         // What is pending there was part of no answer.
         while let Some(packet) = self.receiver.give_up() {
             count(&mut self.counters.stray_bytes, packet.len() as u32); // 56 at the most
@@ -234,7 +238,7 @@ impl Bus {
         self.heard = false;
         let Some(expected) = self.expected else {
             self.phase = Phase::Idle;
-            return Some(Outcome::Sent);
+            return Some(Ending::Sent);
         };
         self.phase = Phase::Answer(expected, now);
         // Boards may tell of an answer's bytes only when it is complete, so its own time counts.
@@ -253,15 +257,15 @@ impl Bus {
 }
 
 impl Expected {
-    /// What an intact packet means; `None` if it is somebody else's.
-    fn judge(&self, packet: &[u8], latency: Duration) -> Option<Outcome> {
-        let Packet { code, params, .. } = Packet::parse(packet).filter(|p| p.id == self.id)?;
+    /// What a packet that was found intact means; `None` if it is somebody else's.
+    fn judge(&self, packet: &[u8], latency: Duration) -> Option<Ending> {
+        let Packet { code, params, .. } = Packet::received(packet).filter(|p| p.id == self.id)?;
         let errors = Errors::from_bits(code);
         let mut data = [0; MAX_DATA];
         match data.get_mut(..self.data) {
             Some(read) if read.len() == params.len() => read.copy_from_slice(params),
-            _ => return Some(Outcome::Refused(errors)),
+            _ => return Some(Ending::Refused(errors)),
         }
-        Some(Outcome::Answered(Answer { errors, data, latency }))
+        Some(Ending::Answered(Status { errors, data, latency }))
     }
 }
