@@ -254,6 +254,25 @@ fn a_bad_question_is_answered_with_an_error_that_names_it_and_changes_nothing() 
 }
 
 #[test]
+fn the_screen_says_why_a_motor_stands_still() {
+    let board = pms5005(&["--line-rate", "0"]);
+    let mut tcp = board.tcp();
+    let turn = wire::Move {
+        quantity: Quantity::Velocity,
+        addressing: wire::Addressing::List,
+        targets: [Some(2000), None, None, None, None, None],
+        periods: 0,
+    };
+    tcp.write_all(&encoded(wire::Command::Move(turn))).unwrap();
+    board.until(|s| s["motors"][0]["enabled"] == true);
+    tcp.write_all(&encoded(wire::Command::Run { scope: wire::Scope::All, run: false })).unwrap();
+    board.until(|s| s["motors"][0]["reason"] == "suspended");
+    std::thread::sleep(Duration::from_millis(1500)); // a status line a second
+    let (_, screen) = board.signal(15);
+    assert!(screen.contains("; motor 1: suspended"), "{screen}");
+}
+
+#[test]
 fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
     let board = pms5005(&["--line-rate", "0"]);
     let mut tcp = board.tcp();

@@ -37,7 +37,7 @@ use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::{bind_interrupts, dma, pac};
 
-use super::analog::{Addresses, Analog};
+use super::analog::{self, Addresses};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::flash::Flash;
@@ -123,27 +123,12 @@ pub fn start(baud: u32) -> Board {
     DRIVES.bridges[3].claim::<TIM8, Ch1>(p.PC6);
     DRIVES.bridges[4].claim::<TIM8, Ch2>(p.PC7);
     DRIVES.bridges[5].claim::<TIM8, Ch3>(p.PC8);
-    DRIVES.servos[0].claim::<TIM3, Ch1>(p.PB4);
-    DRIVES.servos[1].claim::<TIM3, Ch2>(p.PB5);
-    DRIVES.servos[2].claim::<TIM3, Ch3>(p.PB0);
-    DRIVES.servos[3].claim::<TIM3, Ch4>(p.PB1);
-    DRIVES.servos[4].claim::<TIM12, Ch1>(p.PB14);
-    DRIVES.servos[5].claim::<TIM12, Ch2>(p.PB15);
+    claim_servos!(p);
     DRIVES.outputs.claim(outputs!(p), Speed::Low);
     let motion = Motion::new(
         &DRIVES,
-        Analog::new(
-            p.ADC1,
-            [p.PC1.degrade_adc(), p.PC2.degrade_adc(), p.PC4.degrade_adc()],
-            &ADDRESSES,
-            [p.PB2.into(), p.PB10.into(), p.PB12.into(), p.PB13.into()],
-            p.DMA2_CH1,
-            p.DMA2_CH0,
-        ),
-        (
-            Qei::new(p.TIM2, p.PA15, p.PB3, motion::encoder_inputs()),
-            Qei::new(p.TIM4, p.PB6, p.PB7, motion::encoder_inputs()),
-        ),
+        analog!(p, [PB2, PB10, PB12, PB13]),
+        encoders!(p),
         [const { None }; CHANNELS],
     );
 
@@ -158,7 +143,7 @@ pub fn start(baud: u32) -> Board {
     };
 
     let (rx, tx) = host_line!(p, baud);
-    let display = Ssd1306::new(I2c::new_blocking(p.I2C1, p.PB8, p.PB9, ssd1306::bus_config()));
+    let display = display!(p);
     let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
     Board { motion, sensing, display, rx, tx, watchdog, system: System(watchdog), store, reset }
 }

@@ -57,7 +57,10 @@ pub mod ssd1306;
 pub mod system;
 pub mod watchdog;
 
-/// The host's line, which is on the same pins of every board.
+// What all boards have on the same pins so far. Macros, since a function cannot take some tokens and leave
+// the others.
+
+/// The host's line.
 macro_rules! host_line {
     ($p:ident, $baud:ident) => {
         line::new(
@@ -72,6 +75,49 @@ macro_rules! host_line {
             $baud,
             Irqs,
         )
+    };
+}
+
+/// Gives the servos' pins to their timers.
+macro_rules! claim_servos {
+    ($p:ident) => {
+        DRIVES.servos[0].claim::<TIM3, Ch1>($p.PB4);
+        DRIVES.servos[1].claim::<TIM3, Ch2>($p.PB5);
+        DRIVES.servos[2].claim::<TIM3, Ch3>($p.PB0);
+        DRIVES.servos[3].claim::<TIM3, Ch4>($p.PB1);
+        DRIVES.servos[4].claim::<TIM12, Ch1>($p.PB14);
+        DRIVES.servos[5].claim::<TIM12, Ch2>($p.PB15);
+    };
+}
+
+/// The analogue scan, with the multiplexers' address lines on these pins.
+macro_rules! analog {
+    ($p:ident, [$($address:ident),+]) => {
+        analog::Analog::new(
+            $p.ADC1,
+            [$p.PC1.degrade_adc(), $p.PC2.degrade_adc(), $p.PC4.degrade_adc()],
+            &ADDRESSES,
+            [$($p.$address.into()),+],
+            $p.DMA2_CH1,
+            $p.DMA2_CH0,
+        )
+    };
+}
+
+/// The encoders' timers.
+macro_rules! encoders {
+    ($p:ident) => {
+        (
+            Qei::new($p.TIM2, $p.PA15, $p.PB3, motion::encoder_inputs()),
+            Qei::new($p.TIM4, $p.PB6, $p.PB7, motion::encoder_inputs()),
+        )
+    };
+}
+
+/// The display on its bus.
+macro_rules! display {
+    ($p:ident) => {
+        Ssd1306::new(I2c::new_blocking($p.I2C1, $p.PB8, $p.PB9, ssd1306::bus_config()))
     };
 }
 

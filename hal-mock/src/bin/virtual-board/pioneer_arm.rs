@@ -1,5 +1,7 @@
 //! The Pioneer Arm as a [`Machine`]: what it shows, tells and lets itself be told.
 
+use std::collections::BTreeMap;
+
 use embassy_time::Instant;
 use firmware::personality::Boot;
 use firmware::personality::pioneer_arm::PioneerArm;
@@ -90,23 +92,19 @@ impl Machine for VirtualBoard<PioneerArm> {
             "good": link.arm.good,
             "initialised": link.arm.initialised,
             "homing": link.arm.homing,
-            "link": {
-                "packets_ok": link.link.frames_ok,
-                "bad_packets": link.link.bad_frames,
-                "bytes_skipped": link.link.bytes_skipped,
-                "opened": link.opened,
-                "watchdogs": link.watchdogs,
-                "out_of_turn": link.out_of_turn,
-                "not_for_the_arm": link.link.unknown,
-                "refused": link.link.refused,
-                "ignored": link.ignored,
-                "limited": link.limited,
-                "arms_lost": link.arms_lost,
-                "power_lost": link.power_lost,
-                "standard_sent": link.link.telemetry_sent,
-                "standard_skipped": link.link.telemetry_skipped,
-                "line_errors": link.link.line_errors,
-            },
+            "link": link
+                .link
+                .named()
+                .chain([
+                    ("opened", link.opened),
+                    ("watchdogs", link.watchdogs),
+                    ("out_of_turn", link.out_of_turn),
+                    ("ignored", link.ignored),
+                    ("limited", link.limited),
+                    ("arms_lost", link.arms_lost),
+                    ("power_lost", link.power_lost),
+                ])
+                .collect::<BTreeMap<_, _>>(),
             "faults": faults(self),
         })
     }
