@@ -50,13 +50,15 @@ pub enum Command {
     ShowFault(u8),
     /// Keep on record what only somebody else can see.
     Record(Fault),
-    /// Let a channel's encoder stand at this count from now on. The channel must be off; a move that is
-    /// paused is forgotten.
+    /// Let a channel's encoder stand at this count from now on. The channel must be off; a move by it that
+    /// is paused is forgotten.
     SetCount {
         /// Whose.
         channel: Channel,
         /// What it stands at.
         count: i32,
+        /// By which the snapshot tells what came of it.
+        serial: u8,
     },
 }
 

@@ -436,7 +436,7 @@ fn what_is_wrong_with_the_command_line_is_named_with_a_tip() {
         (&["cm6"], "[possible values: pms5005, pioneer-arm"),
         (&["--line-rate", "fast"], "--line-rate"),
         (&["--seconds", "-1"], "--seconds -1"),
-        (&["--line-rate", "1200"], "9600"),
+        (&["--line-rate", "9600"], "19200"),
         (&["--seconds", "nan"], "--seconds"),
         (&["--seconds", "1e300"], "seconds from 0 to 1e9"),
         (&["--inspect", "0.0.0.0:0"], "--inspect 0.0.0.0:0"),

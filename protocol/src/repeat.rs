@@ -1,4 +1,4 @@
-//! How often something is asked for: the last byte of a request for telemetry or health.
+//! How often something is asked for: the last byte of a request for telemetry, health or the machine state.
 
 use core::num::NonZeroU8;
 

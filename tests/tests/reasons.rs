@@ -132,6 +132,31 @@ fn cause(reason: Reason) -> (Bench, u8, fn(&mut Bench)) {
                 bench.run_alive_ms(30_000);
             }
         }
+        Reason::HighestDuty => {
+            assert_eq!(bench.set(&[(182, 4000)]).0, Verdict::Done);
+            bench.drive(Quantity::Velocity, 0, 12_000, 0);
+            bench.run_alive_ms(2000);
+            |bench| {
+                bench.drive(Quantity::Velocity, 0, 1000, 0);
+                bench.run_alive_ms(2000);
+            }
+        }
+        Reason::FullDrive => {
+            assert_eq!(bench.set(&[(52, 0)]).0, Verdict::Done); // no stall
+            change(&bench, |all| all.jam[0] = Some(true));
+            bench.drive(Quantity::Velocity, 0, 1000, 0);
+            bench.run_alive_ms(10_000);
+            |bench| {
+                change(bench, |all| all.jam[0] = None);
+                bench.run_alive_ms(3000);
+            }
+        }
+        Reason::OldCommand => {
+            assert_eq!(bench.set(&[(6, 500)]).0, Verdict::Done);
+            bench.drive(Quantity::Velocity, 0, 1000, 0);
+            bench.run_alive_ms(1000);
+            |bench| bench.drive(Quantity::Velocity, 0, 1000, 0)
+        }
         Reason::Slew => {
             assert_eq!(bench.set(&[(180, 60_000)]).0, Verdict::Done);
             bench.drive(Quantity::Pwm, 0, FULL, 0);
@@ -140,7 +165,7 @@ fn cause(reason: Reason) -> (Bench, u8, fn(&mut Bench)) {
             }
         }
     };
-    bench.run_ms(50);
+    bench.run_ms(100);
     (bench, detail, end)
 }
 
@@ -151,7 +176,7 @@ fn every_reason_is_told_from_its_cause_until_that_has_gone() {
         assert_eq!(why(&mut bench), (reason, detail));
         assert_eq!(why(&mut bench), (reason, detail), "it stays");
         end(&mut bench);
-        bench.run_ms(50);
+        bench.run_ms(100);
         assert_eq!(why(&mut bench), (Reason::None, 0), "after {reason:?}");
     }
 }
@@ -181,6 +206,119 @@ fn a_channel_that_does_what_was_asked_and_one_that_was_asked_nothing_have_no_rea
     assert_eq!(why(&mut bench), (Reason::None, 0));
 }
 
+/// Periods of so many ms in which the wheel has a reason.
+fn with_a_reason(bench: &mut Bench, ms: u64) -> usize {
+    let periods = std::cell::Cell::new(0);
+    let has = |bench: &Bench| bench.board.snapshot().channels[0].reason.is_some();
+    bench.run_alive_with(ms, |bench| periods.set(periods.get() + usize::from(has(bench))));
+    periods.get()
+}
+
+#[test]
+fn at_rest_after_a_stop_nothing_is_held_back_by_anything() {
+    let mut bench = with_encoder();
+    bench.configure(&[Parameter::CollisionProtection(true)]);
+    bench.run_ms(10);
+    assert_eq!(bench.set(&[(180, 1000)]).0, Verdict::Done);
+    bench.drive(Quantity::Velocity, 0, 8000, 0);
+    bench.run_alive_ms(5000);
+    bench.drive(Quantity::Velocity, 0, 0, 0);
+    bench.run_alive_ms(5000);
+    assert_eq!(with_a_reason(&mut bench, 2000), 0, "a slew time");
+    change(&bench, |all| all.sonar_cm[0] = Some(10));
+    assert_eq!(with_a_reason(&mut bench, 2000), 0, "an obstacle");
+    let at = i32::from(bench.board.snapshot().encoders[0].count);
+    assert_eq!(bench.set(&[(80, at - 1000), (81, at)]).0, Verdict::Done);
+    assert_eq!(with_a_reason(&mut bench, 2000), 0, "a soft limit");
+    // Nor is one that was stopped already by a silence or a suspension.
+    run(&mut bench, Scope::All, false);
+    bench.run_ms(3000);
+    assert_eq!(
+        (why(&mut bench), state(&mut bench).flags),
+        ((Reason::None, 0), flag::OBSTACLE | flag::FAULT | flag::LINK_LOST)
+    );
+    bench.run_alive_ms(1000);
+    assert_eq!(state(&mut bench).flags & flag::LINK_LOST, 0);
+}
+
+#[test]
+fn a_ramp_that_is_slower_than_the_slew_time_is_not_held_back_by_it() {
+    for slew in [100, 1000] {
+        let mut bench = with_encoder();
+        assert_eq!(bench.set(&[(180, slew)]).0, Verdict::Done);
+        bench.drive(Quantity::Velocity, 0, 8000, 10_000);
+        assert_eq!(with_a_reason(&mut bench, 12_000), 0, "{slew} ms");
+    }
+}
+
+#[test]
+fn a_target_beyond_a_soft_limit_says_so() {
+    let mut bench = with_encoder();
+    assert_eq!(bench.set_count(0, 1500), Verdict::Done);
+    assert_eq!(bench.set(&[(80, 1000), (81, 2000)]).0, Verdict::Done);
+    bench.drive(Quantity::Position, 0, 8000, 0);
+    bench.run_alive_ms(3000);
+    assert_eq!(why(&mut bench), (Reason::SoftLimit, 0));
+    bench.drive(Quantity::Position, 0, 1600, 0);
+    bench.run_alive_ms(3000);
+    assert_eq!(why(&mut bench), (Reason::None, 0));
+}
+
+#[test]
+fn a_position_with_a_slew_time_is_held_as_firmly_when_the_host_is_silent() {
+    let mut bench = with_encoder();
+    assert_eq!(bench.set(&[(180, 500)]).0, Verdict::Done);
+    bench.drive(Quantity::Position, 0, 12_000, 4000);
+    bench.until(Silent, 2100, |bench| bench.board.snapshot().link_loss);
+    bench.run_ms(4000);
+    let at = bench.position(0);
+    assert!((11_950..=12_030).contains(&at), "the move goes on to its end: {at}");
+}
+
+#[test]
+fn a_count_is_set_in_the_order_of_what_is_asked_however_fast_the_line() {
+    use hal_mock::board::Make;
+    let frame = |command: Command| command.encode(0, &mut [0; 264]).unwrap().to_vec();
+    let set = |count| frame(Command::Extension(Request::SetCount { channel: 0, count }));
+    let go = |quantity, target| {
+        frame(Command::Move(protocol::pms5005::Move {
+            quantity,
+            addressing: protocol::pms5005::Addressing::List,
+            targets: [Some(target), None, None, None, None, None],
+            periods: 0,
+        }))
+    };
+    let told = |bench: &mut Bench| {
+        let outcomes = bench.received().into_iter().filter(|frame| frame.did == 101);
+        outcomes.map(|frame| Verdict::from_number(frame.data[2]).unwrap()).collect::<Vec<_>>()
+    };
+    let unpaced = || {
+        let mut bench = Bench::with(Make { line_rate: 0, ..Make::default() });
+        bench.hush();
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        bench.run_ms(10);
+        bench.received();
+        bench
+    };
+    let mut bench = unpaced();
+    bench.send_bytes(&[set(20_000), go(Quantity::Position, 20_500)].concat());
+    bench.run_alive_ms(3000);
+    assert_eq!(told(&mut bench), [Verdict::Done]);
+    let position = wheel(&mut bench).position;
+    assert!((20_480..=20_520).contains(&position), "{position}");
+    let mut bench = unpaced();
+    bench.send_bytes(&[go(Quantity::Velocity, 2000), set(7)].concat());
+    bench.run_ms(20);
+    assert_eq!(told(&mut bench), [Verdict::OutputsOn]);
+    let suspend = frame(Command::Run { scope: Scope::All, run: false });
+    bench.send_bytes(&[suspend, set(7)].concat());
+    bench.run_ms(20);
+    assert_eq!(told(&mut bench), [Verdict::Done]);
+    bench.send_bytes(&[set(8), set(9)].concat());
+    bench.run_ms(20);
+    assert_eq!(told(&mut bench), [Verdict::Busy, Verdict::Done]);
+}
+
 #[test]
 fn a_move_that_silence_breaks_off_says_so_until_the_next_command() {
     let mut bench = with_encoder();
@@ -193,7 +331,7 @@ fn a_move_that_silence_breaks_off_says_so_until_the_next_command() {
     bench.run_alive_ms(1000);
     assert_eq!(why(&mut bench), (Reason::Silence, 0), "a host that is back commands nothing by it");
     bench.drive(Quantity::Position, 0, 3000, 0);
-    bench.run_ms(20);
+    bench.run_alive_ms(3000);
     assert_eq!(why(&mut bench), (Reason::None, 0));
 }
 
@@ -232,7 +370,7 @@ fn the_state_counts_turn_by_turn_and_with_a_sign() {
     bench.send_raw(did::VELOCITY, &[9, 0, 0]);
     bench.run_ms(20);
     let state = self::state(&mut bench);
-    assert_eq!(state.servos, [0, 0, 0, 0, 3000, 0]);
+    assert_eq!((state.servos, state.refused), ([0, 0, 0, 0, 3000, 0], 1));
     bench.run_ms(3000);
     let flags = self::state(&mut bench).flags;
     assert_eq!(flags, flag::LINK_LOST | flag::FAULT, "a question is no sign of life");
@@ -312,7 +450,7 @@ fn what_is_refused_is_counted_by_reason() {
         (|bench| bench.send_raw(did::VELOCITY_ALL, &[1, 2, 3]), |all| &mut all.length),
         (|bench| bench.send_raw(did::VELOCITY, &[7, 0, 0]), |all| &mut all.channel),
         (|bench| bench.send_raw(did::SERVO, &[0, 0, 0]), |all| &mut all.value),
-        (|bench| bench.send_raw(did::PARAMETERS, &[0x44, 0, 0]), |all| &mut all.sub_command),
+        (|bench| bench.send_raw(did::PARAMETERS, &[0x87]), |all| &mut all.sub_command),
         (|bench| _ = bench.set(&[(999, 0)]), |all| &mut all.setting),
         (|bench| _ = bench.act(Action::Save), |all| &mut all.not_now),
         (|bench| _ = bench.set_count(2, 0), |all| &mut all.not_available),

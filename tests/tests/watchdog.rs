@@ -92,16 +92,19 @@ fn nothing_is_driven_before_every_task_has_begun_and_one_that_never_does_resets_
 
 #[test]
 fn the_longest_answer_on_the_slowest_line_is_no_hang() {
-    let make = Make { line_rate: 9600, ..Make::default() };
+    let make = Make { line_rate: 19_200, ..Make::default() };
     let mut bench = Bench::with(make);
     bench.drive(Quantity::Pwm, 0, 16384 + 4000, 0);
     for _ in 0..20 {
         bench.send_raw(did::COUNTERS, &[]);
+        bench.send_raw(did::STATE, &[1]);
         bench.send(Command::Ping); // who only reads is no host
         bench.run_ms(500);
         assert_eq!(bench.bridge(0), (4000, true));
     }
-    assert!(bench.received().iter().any(|frame| frame.did == did::COUNTERS));
+    let received = bench.received();
+    let came = |did| received.iter().any(|frame| frame.did == did);
+    assert!(came(did::COUNTERS) && came(did::STATE));
     assert_eq!(latched(&bench), []);
 }
 

@@ -117,6 +117,9 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// None that any loop's drive could reach.
+    pub const NONE: Self = Self { low: Drive::MIN, high: Drive::MAX };
+
     /// Full drive both ways.
     pub const FULL: Self = Self { low: Drive::NEG_ONE, high: Drive::ONE };
 

@@ -20,7 +20,7 @@ use core::{array, mem};
 
 use crate::channel::{CHANNELS, Channel, ENCODERS, Method, Scope, Sensor};
 use crate::command::{Command, Refused};
-use crate::control::axis::{Axis, AxisRefusal, Halt, Reading, is_stop};
+use crate::control::axis::{Axis, Halt, Reading, is_stop};
 use crate::control::pid::Limits;
 use crate::control::servo::Servo;
 use crate::control::track::scale;
@@ -37,7 +37,8 @@ pub use reason::Reason;
 use reason::{RefusedCommand, reason};
 use shaft::{Shaft, angle};
 pub use snapshot::{
-    ChannelSnapshot, ControlCounters, EncoderReading, Refusals, ShownFault, Snapshot,
+    ChannelSnapshot, ControlCounters, CountRefusal, CountSet, EncoderReading, Refusals, ShownFault,
+    Snapshot,
 };
 
 /// The controller's state.
@@ -57,6 +58,7 @@ pub struct Controller {
     /// Of each channel, its last motion command, if that was refused.
     refused: [Option<RefusedCommand>; CHANNELS],
     shown_fault: u8,
+    count_set: CountSet,
     counters: ControlCounters,
 }
 
@@ -86,6 +88,7 @@ impl Controller {
             faults: Faults::default(),
             refused: [None; CHANNELS],
             shown_fault: 0,
+            count_set: CountSet::NONE,
             counters: ControlCounters::default(),
         }
     }
@@ -161,7 +164,7 @@ impl Controller {
                 || self.axes.iter().any(|axis| axis.halt() == Some(Halt::Silence)),
             servos: self.servos.map(|servo| servo.set_point()),
             obstacle: blocked,
-            channels: Channel::ALL.map(|channel| self.channel(channel)),
+            channels: Channel::ALL.map(|channel| self.channel(channel, blocked)),
             no_current_sensor: array::from_fn(|i| {
                 !self.settings.current_sensors[i] || self.monitors[i].current_floats()
             }),
@@ -171,21 +174,23 @@ impl Controller {
                 total: self.faults.records(),
                 record: self.faults.record(self.shown_fault),
             },
+            count_set: self.count_set,
             counters: self.counters,
             worst_latency_us: 0,
         }
     }
 
     /// What may be told of a channel.
-    fn channel(&self, channel: Channel) -> ChannelSnapshot {
+    fn channel(&self, channel: Channel, blocked: bool) -> ChannelSnapshot {
         let i = channel.index();
         let (axis, latched) = (&self.axes[i], self.faults.latched());
-        let limiting = self.monitors[i].limiting();
+        let forward = self.settings.collision.forward_is_positive.get(i).copied();
+        let (obstacle, limiting) = (forward.filter(|_| blocked), self.monitors[i].limiting());
         ChannelSnapshot {
             position: self.shaft(channel, axis.sensor()).map_or(0, Shaft::unwrapped),
             velocity: self.reading(channel).velocity,
             set_point: axis.set_point(),
-            reason: reason(channel, axis, &latched, self.refused[i], limiting),
+            reason: reason(channel, axis, &latched, self.refused[i], obstacle, limiting),
         }
     }
 
@@ -210,7 +215,6 @@ impl Controller {
 
     fn measure(&mut self, motion: &MotionInputs) {
         for (shaft, count) in self.encoders.iter_mut().zip(motion.encoders) {
-            // 65536 is two turns of the protocol's scale: the low 15 bits are the position on it.
             shaft.update_count(count);
         }
         for channel in Channel::ALL {
@@ -433,8 +437,10 @@ impl Controller {
                 self.record(fault);
                 Ok(())
             }
-            Command::SetCount { channel, count } => {
-                self.set_count(channel, count).map_err(|reason| Refused { channel, reason })
+            Command::SetCount { channel, count, serial } => {
+                let refused = self.set_count(channel, count).err();
+                self.count_set = CountSet { serial, refused };
+                Ok(())
             }
         }
     }
@@ -475,12 +481,14 @@ impl Controller {
         Ok(())
     }
 
-    fn set_count(&mut self, channel: Channel, count: i32) -> Result<(), AxisRefusal> {
+    fn set_count(&mut self, channel: Channel, count: i32) -> Result<(), CountRefusal> {
         let axis = &mut self.axes[channel.index()];
-        let shaft = self.encoders.get_mut(channel.index()).ok_or(AxisRefusal::NoEncoder)?;
-        axis.forget_paused();
-        if !axis.is_off() {
-            return Err(AxisRefusal::NotOff);
+        let shaft = self.encoders.get_mut(channel.index()).ok_or(CountRefusal::NoEncoder)?;
+        if axis.sensor() == Sensor::Encoder {
+            axis.forget_paused();
+        }
+        if axis.is_on() {
+            return Err(CountRefusal::NotOff);
         }
         shaft.set_count(count);
         Ok(())

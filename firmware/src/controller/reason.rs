@@ -15,26 +15,32 @@ pub enum Reason {
     /// The host fell silent: the channel was stopped, or its move broken off. Gone with its next
     /// motion command.
     Silence,
+    /// Its last motion command grew too old (setting 6). Gone with the next one.
+    OldCommand,
     /// It is suspended. Gone with a resume, or with its next motion command.
     Suspended,
-    /// Its last motion command was refused; its origin is as the command had it. Gone with the next
-    /// one that is taken.
+    /// Its last motion command was refused, for its own part or for another channel's, as commands are
+    /// taken whole. Gone with the next one that is taken.
     Refused {
         /// Why.
         why: AxisRefusal,
         /// The command's [origin](crate::command::Command::MoveMotors::origin).
         origin: u8,
     },
-    /// It is held at a soft limit.
-    SoftLimit,
     /// The collision protection forbids the way that it is driven.
     Obstacle,
     /// Its current is too high: the drive is limited.
     OverCurrent,
     /// Its current was too high for too long: the drive is limited.
     Overload,
-    /// Its slew time or its highest duty holds the drive down.
+    /// It is held at a soft limit, or its target lies beyond one.
+    SoftLimit,
+    /// Its highest duty limits the drive.
+    HighestDuty,
+    /// Its slew time limits the drive.
     Slew,
+    /// It has all the drive that there is, and that is not enough.
+    FullDrive,
 }
 
 impl core::fmt::Display for Reason {
@@ -43,13 +49,16 @@ impl core::fmt::Display for Reason {
         match self {
             Self::Fault(fault) => write!(f, "fault {}: {fault}", fault.number()),
             Self::Silence => f.write_str("stopped: the host fell silent"),
+            Self::OldCommand => f.write_str("stopped: its last command grew too old"),
             Self::Suspended => f.write_str("suspended"),
             Self::Refused { why, origin } => write!(f, "DID {origin} was refused: {why}"),
             Self::SoftLimit => f.write_str("held at a soft limit"),
             Self::Obstacle => f.write_str("held back by an obstacle"),
             Self::OverCurrent => f.write_str("limited: too much current"),
             Self::Overload => f.write_str("limited: too much current for too long"),
-            Self::Slew => f.write_str("held down by its slew time or highest duty"),
+            Self::HighestDuty => f.write_str("limited to its highest duty"),
+            Self::Slew => f.write_str("limited by its slew time"),
+            Self::FullDrive => f.write_str("at full drive, which is not enough"),
         }
     }
 }
@@ -61,26 +70,33 @@ pub(super) struct RefusedCommand {
     pub origin: u8,
 }
 
-/// The reason of a channel after a period, if it has one.
+/// The reason of a channel after a period, if it has one. `obstacle` tells in which drive, that of rising
+/// counts or the other, an obstacle holds it back.
 pub(super) fn reason(
     channel: Channel,
     axis: &Axis,
     latched: &Latched,
     refused: Option<RefusedCommand>,
+    obstacle: Option<bool>,
     limiting: Option<Limiting>,
 ) -> Option<Reason> {
     let halt = axis.halt().map(|halt| match halt {
         Halt::Silence => Reason::Silence,
+        Halt::Age => Reason::OldCommand,
         Halt::Suspension => Reason::Suspended,
     });
     let refused = refused.map(|RefusedCommand { why, origin }| Reason::Refused { why, origin });
     let held_back = || {
-        axis.held_back().map(|held_back| match (held_back, limiting) {
-            (HeldBack::SoftLimit, _) => Reason::SoftLimit,
-            (HeldBack::Outside, Some(Limiting::OverCurrent)) => Reason::OverCurrent,
-            (HeldBack::Outside, Some(Limiting::Overload)) => Reason::Overload,
-            (HeldBack::Outside, None) => Reason::Obstacle,
-            (HeldBack::OwnSettings, _) => Reason::Slew,
+        axis.held_back().map(|held_back| match held_back {
+            HeldBack::Outside { rising } if obstacle == Some(rising) => Reason::Obstacle,
+            HeldBack::Outside { .. } if limiting == Some(Limiting::OverCurrent) => {
+                Reason::OverCurrent
+            }
+            HeldBack::Outside { .. } => Reason::Overload,
+            HeldBack::SoftLimit => Reason::SoftLimit,
+            HeldBack::HighestDuty => Reason::HighestDuty,
+            HeldBack::Slew => Reason::Slew,
+            HeldBack::FullDrive => Reason::FullDrive,
         })
     };
     let fault = latched.stopping(channel).map(Reason::Fault);

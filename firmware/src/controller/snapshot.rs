@@ -37,25 +37,22 @@ pub struct Refusals {
     pub method: u32,
     /// The target lay beyond the sensor's scale.
     pub scale: u32,
-    /// An encoder's count was to be set where there is none, or while its channel was not off.
-    pub count: u32,
 }
 
 impl Refusals {
-    const NONE: Self = Self { method: 0, scale: 0, count: 0 };
+    const NONE: Self = Self { method: 0, scale: 0 };
 
     pub(super) fn count(&mut self, reason: AxisRefusal) {
         let counter = match reason {
             AxisRefusal::OtherMethod => &mut self.method,
             AxisRefusal::BeyondScale => &mut self.scale,
-            AxisRefusal::NoEncoder | AxisRefusal::NotOff => &mut self.count,
         };
         *counter = counter.wrapping_add(1);
     }
 
     /// All of them.
     pub fn total(&self) -> u32 {
-        self.method.wrapping_add(self.scale).wrapping_add(self.count)
+        self.method.wrapping_add(self.scale)
     }
 }
 
@@ -114,6 +111,8 @@ pub struct Snapshot {
     pub faults: Latched,
     /// The record that [`Command::ShowFault`](crate::command::Command::ShowFault) asks for.
     pub shown_fault: ShownFault,
+    /// What came of the last [`Command::SetCount`](crate::command::Command::SetCount).
+    pub count_set: CountSet,
 }
 
 /// A place in the list of fault records, and what stands there.
@@ -125,6 +124,28 @@ pub struct ShownFault {
     pub total: u8,
     /// `None` behind the last.
     pub record: Option<FaultRecord>,
+}
+
+/// Why an encoder's count was not set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CountRefusal {
+    /// The channel has no encoder.
+    NoEncoder,
+    /// The channel is not off.
+    NotOff,
+}
+
+/// What came of setting an encoder's count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CountSet {
+    /// The command's.
+    pub serial: u8,
+    /// Why it was not set, if so.
+    pub refused: Option<CountRefusal>,
+}
+
+impl CountSet {
+    pub(super) const NONE: Self = Self { serial: 0, refused: None };
 }
 
 impl Snapshot {
@@ -146,6 +167,7 @@ impl Snapshot {
         worst_latency_us: 0,
         faults: Latched::NONE,
         shown_fault: ShownFault { place: 0, total: 0, record: None },
+        count_set: CountSet::NONE,
         counters: ControlCounters {
             periods: 0,
             refused: Refusals::NONE,

@@ -13,8 +13,7 @@
 //! | 98 | DATA of DID 98: health N times (1 byte), 0 is stop; none is continuously, one a cycle | 98 |
 //! | 99 | none: counters | 99 |
 //! | 100 | DATA of DID 100: place of a latched fault (1 byte) | 100, or 101 |
-//! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot | 101 |
-//!
+//! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot, set an encoder's count (`0x86`) | 101 |
 //! | 103 | none: what was refused, by reason | 103 |
 //!
 //! The machine state (102) is not carried: an arm drives no DC channel, and ARMpac tells its joints.
@@ -67,11 +66,15 @@ pub fn parse_request<'a>(packet: &Packet<'a>) -> Option<Result<Request<'a>, Outc
 /// Writes a request's packet into `out` and answers the part it took.
 ///
 /// # Errors
-/// [`EncodeError::TooLong`] for more than 27 settings at once, [`EncodeError::BufferTooShort`].
+/// [`EncodeError::TooLong`] for more than 27 settings at once, [`EncodeError::NotRepresentable`] for the
+/// machine state, [`EncodeError::BufferTooShort`].
 pub fn encode_request<'b>(
     request: &Request<'_>,
     out: &'b mut [u8],
 ) -> Result<&'b mut [u8], EncodeError> {
+    if matches!(request, Request::State(_)) {
+        return Err(EncodeError::NotRepresentable);
+    }
     let mut data = Data::new();
     request.emit(&mut data).map_err(|_| EncodeError::TooLong)?;
     let number = match request.did() {

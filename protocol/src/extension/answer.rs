@@ -78,7 +78,7 @@ codes! {
         OutOfRange = 4,
         /// The value contradicts another setting's.
         Contradiction = 5,
-        /// A motor or a servo is on: suspend them first (DID 30).
+        /// A motor or a servo is on that must be off: suspend it first (DID 30).
         OutputsOn = 6,
         /// Another request, which this one would disturb, is being carried out.
         Busy = 7,
@@ -98,7 +98,7 @@ impl core::fmt::Display for Verdict {
             Self::NoSuchSetting => "no setting has this number",
             Self::OutOfRange => "the value is out of the setting's range",
             Self::Contradiction => "the value contradicts another setting's",
-            Self::OutputsOn => "a motor or a servo is on: suspend all first",
+            Self::OutputsOn => "a motor or a servo is on that must be off: suspend it first",
             Self::Busy => "another request is being carried out: wait for its answer",
             Self::NotAvailable => "this board cannot do it",
             Self::FlashFailed => "the flash failed; what was saved before is still there",
@@ -176,7 +176,7 @@ record! {
         pub worst_latency_us: u16,
         /// The most stack that was ever used, in bytes; 0 is unknown.
         pub stack_used: u16,
-        /// Latched faults, 35 at the most; [`Latched::total`] are on record.
+        /// Latched faults, 47 at the most; [`Latched::total`] are on record.
         pub faults: u8,
         /// Control periods that began so late that they were missed; wraps.
         pub periods_missed: u32,
@@ -217,7 +217,7 @@ counters! {
         pub pictures_dropped: u32,
         /// Errors that the line itself reported: overruns, framing.
         pub line_errors: u32,
-        /// Answers of the extension sent, health apart.
+        /// Answers of the extension sent, but for health and the machine state.
         pub answers_sent: u32,
         /// Answers of the extension that found no room to wait.
         pub answers_dropped: u32,

@@ -24,7 +24,7 @@
 //!
 //! Busy ([`Verdict::Busy`]) is the outcome of a save, a reset or a reboot while another of them is
 //! pending, of setting settings while a factory reset is, which would undo them, and of asking for
-//! a fault (DID 100) while the answer about another is pending: ask again when that has come.
+//! a fault (DID 100), or setting an encoder's count, while the answer about another is pending: ask again when that has come.
 //!
 //! # Table E.1: from host to board
 //! | DID | definition | DATA | answer |
@@ -35,7 +35,7 @@
 //! | 7 | Factory reset: the defaults, in force and saved; only with all off | `0x83` | 101, when it is done |
 //! | 7 | Reboot; only with all off | `0x84` | 101, then the board restarts |
 //! | 7 | Reboot into the ROM's DFU loader; only with all off | `0x85` | 101, then the board restarts |
-//! | 7 | Set the count of an encoder; only with its channel off | `0x86` + channel (1 byte, from 0) + count (4 bytes, signed) | 101 |
+//! | 7 | Set the count of an encoder; only with its channel off (a move that is paused is forgotten) | `0x86` + channel (1 byte, from 0) + count (4 bytes, signed) | 101 |
 //! | 96 | Read a setting | number (2 bytes) | 96, or 101 |
 //! | 97 | Who are you? | none | 97 |
 //! | 98 | Health | as DID 123: none is continuously, N is N times, 0 is stop | 98: the first at once, but never less than the period of telemetry (setting 32) behind the one before or the start |
@@ -65,7 +65,7 @@
 //! | 98 | 1 to 4 | Uptime in ms; wraps after 49 days |
 //! | | 5 to 6 | Worst control latency since boot in microseconds: from the tick that begins a control period until its outputs stand |
 //! | | 7 to 8 | Stack high-water mark: the most that was ever used, in bytes; 0 is unknown |
-//! | | 9 | Latched faults, 35 at the most |
+//! | | 9 | Latched faults, 47 at the most |
 //! | | 10 to 13 | Control periods missed: those that have begun a period late or more; wraps |
 //! | 99 | 1 to 72 | 18 counters of 4 bytes, in the order of [`Counters`]; they wrap |
 //! | 100 | 1 | Place in the list, as asked |
@@ -95,15 +95,18 @@
 //! | 103 | 1 to 36 | 9 counters of 4 bytes, in the order of [`Refusals`]; they wrap |
 //!
 //! A frame of DID 102 takes 133 bytes. Beside the default telemetry (3 frames every 50 ms, 2,340 bytes
-//! a second) and without it a line carries of them in a second:
+//! a second) and without it a line has room for so many a second; asked for more, streams take turns and
+//! telemetry is skipped:
 //!
 //! | baud | beside telemetry | alone |
 //! |---|---|---|
-//! | 9,600 | none | 7 |
 //! | 19,200 | none | 14 |
 //! | 38,400 | 11 | 28 |
 //! | 57,600 | 25 | 43 |
 //! | 115,200 | 69 | 86 |
+//!
+//! On a line slower than 16,000 baud a frame takes longer than the firmware's tasks may be silent: there a
+//! board must not be asked for it.
 //!
 //! Who only reads keeps nothing running: DIDs 96 to 111 are no signs of life ([`is_read`]).
 //!

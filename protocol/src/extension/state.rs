@@ -13,27 +13,33 @@ codes! {
         Silence = 2,
         /// It is suspended.
         Suspended = 3,
-        /// The last motion command was refused, as the channel was set to another method (sub-command 0E); the next byte is the command's DID.
+        /// The last motion command was refused, as the channel, or another that it was for, was set to another method (sub-command 0E); the next byte is the command's DID.
         OtherMethod = 4,
-        /// The last motion command was refused, as its target lies beyond the sensor's scale; the next byte is the command's DID.
+        /// The last motion command was refused, as a target of it lies beyond the sensor's scale; the next byte is the command's DID.
         BeyondScale = 5,
         /// The collision protection forbids the way that it is driven.
         Obstacle = 6,
-        /// It is held at a soft limit.
+        /// It is held at a soft limit, or its target lies beyond one.
         SoftLimit = 7,
         /// Its current is too high: the drive is limited.
         OverCurrent = 8,
         /// Its current was too high for too long: the drive is limited.
         Overload = 9,
-        /// Its slew time or its highest duty holds the drive down.
+        /// Its slew time limits the drive.
         Slew = 10,
+        /// Its highest duty limits the drive.
+        HighestDuty = 11,
+        /// It has all the drive that there is, and that is not enough.
+        FullDrive = 12,
+        /// Its last motion command grew too old (setting 6): it was stopped, or its move broken off.
+        OldCommand = 13,
     }
 }
 
 codes! {
     /// What a channel is doing (byte 15 of a channel in DID 102), and so what its set-point counts.
     Mode {
-        /// Nothing: its bridge neither drives nor brakes. The set-point is 0.
+        /// Nothing, for whatever reason: its bridge neither drives nor brakes. The set-point is 0.
         Off = 0,
         /// Open loop: the set-point is a duty in 1/16384.
         Pwm = 1,
@@ -52,7 +58,8 @@ record! {
         pub position: i32,
         /// Counts of its sensor per second.
         pub velocity: i32,
-        /// What it is asked for at this moment of its move, by [`mode`](Self::mode).
+        /// What it is asked for at this moment of its move, by [`mode`](Self::mode). A position is one of its
+        /// sensor's scale, as in the commands: an encoder's [`position`](Self::position) modulo 32768.
         pub set_point: i16,
         /// What its bridge does, in 1/16384 of full drive.
         pub duty: i16,
@@ -91,7 +98,7 @@ record! {
         /// Bits: 0 the host is silent, or channels that it left running were stopped for that; 1 an
         /// obstacle; 2 a fault is latched.
         pub flags: u8,
-        /// Commands refused since boot, whoever refused them; wraps.
+        /// Frames and commands refused since boot, whoever refused them; wraps.
         pub refused: u8,
         /// Main board, motor and servo batteries, A/D counts.
         pub battery: [u16; 3],

@@ -84,10 +84,6 @@ pub enum AxisRefusal {
     BeyondScale,
     /// The channel was set to another method.
     OtherMethod,
-    /// The channel has no encoder.
-    NoEncoder,
-    /// The channel is not off.
-    NotOff,
 }
 
 /// Why a channel stands still that was asked to move.
@@ -95,28 +91,40 @@ pub enum AxisRefusal {
 pub enum Halt {
     /// It is suspended.
     Suspension,
-    /// The host fell silent, or its last motion command grew too old.
+    /// The host fell silent.
     Silence,
+    /// Its last motion command grew too old.
+    Age,
 }
 
 /// What keeps a channel's drive from what its loop, or a PWM, asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldBack {
-    /// The limits from outside: an obstacle, a current.
-    Outside,
+    /// The limits from outside, an obstacle or a current, in the drive that raises its counts or in the
+    /// other.
+    Outside {
+        /// Rising counts.
+        rising: bool,
+    },
     /// A soft limit.
     SoftLimit,
-    /// Its own slew time or highest duty.
-    OwnSettings,
+    /// Its highest duty.
+    HighestDuty,
+    /// Its slew time.
+    Slew,
+    /// It has all the drive that there is.
+    FullDrive,
 }
+
+/// For so many periods in a row the drive must have been held back, the same way, before that is told:
+/// less is noise.
+const HELD_BACK_FOR: u8 = 50;
 
 impl core::fmt::Display for AxisRefusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::BeyondScale => "the target lies beyond the sensor's scale",
             Self::OtherMethod => "the channel was set to another method",
-            Self::NoEncoder => "the channel has no encoder",
-            Self::NotOff => "the channel is not off",
         })
     }
 }
@@ -183,8 +191,13 @@ pub struct Axis {
     last: Reading,
     /// The shaft is held at the soft limit that it is driven against.
     is_at_soft_limit: bool,
-    /// What kept the drive from what was asked for in the last period.
-    held_back: Option<HeldBack>,
+    /// What the loop, or a PWM, would have driven in the last period if nothing limited it.
+    wanted: Drive,
+    /// What kept the drive from that, whether from more of it, and for how many periods in a row.
+    held_back: Option<(HeldBack, bool)>,
+    held_back_for: u8,
+    /// The target lay beyond a soft limit.
+    is_clamped: bool,
     /// Logical drive of the last period, and what it was limited to.
     drive: Drive,
     limits: Limits,
@@ -224,7 +237,10 @@ impl Axis {
             last: Reading { position: Counts::ZERO, velocity: CountsPerSecond::ZERO },
             drive: Drive::ZERO,
             is_at_soft_limit: false,
+            wanted: Drive::ZERO,
             held_back: None,
+            held_back_for: 0,
+            is_clamped: false,
             limits: Limits::FULL,
             old_drive: Drive::ZERO,
             handover: 0,
@@ -278,14 +294,16 @@ impl Axis {
         self.halt
     }
 
-    /// Whether the channel is off, with nowhere to go.
-    pub fn is_off(&self) -> bool {
-        self.state == State::Off
+    /// Whether its bridge is on.
+    pub fn is_on(&self) -> bool {
+        matches!(self.state, State::Running | State::Stopping(_))
     }
 
-    /// What kept its drive from what was asked for in the last period.
+    /// What has kept its drive from what was asked for, for some periods already, or its target where it is.
     pub fn held_back(&self) -> Option<HeldBack> {
-        self.held_back
+        let held_back = self.held_back.filter(|_| self.held_back_for >= HELD_BACK_FOR);
+        let is_clamped = self.is_clamped && self.state == State::Running;
+        held_back.map(|(by, _)| by).or(is_clamped.then_some(HeldBack::SoftLimit))
     }
 
     /// Whether a motion command would be taken, if this sensor measures it. `target` is as on the
@@ -318,6 +336,8 @@ impl Axis {
             Method::Position => self.track.clamp(self.track.target(target)).to_bits(),
             Method::Velocity => CountsPerSecond::from(target).to_bits(),
         };
+        self.is_clamped =
+            method == Method::Position && value != self.track.target(target).to_bits();
         self.head_for(Target { method, value }, periods, now);
         if method == Method::Pwm && periods == 0 {
             // What a host writes into the PWM stands there at once: it may be a stop.
@@ -330,10 +350,10 @@ impl Axis {
     pub fn suspend(&mut self) {
         match self.state {
             State::Running if !self.is_stop => self.switch_off(State::Paused),
-            State::Running | State::Stopping(_) => self.stopped(),
+            State::Running | State::Stopping(_) => return self.stopped(),
             State::Off | State::Paused => return,
         }
-        self.halt = self.halt.or(Some(Halt::Suspension));
+        self.halt = Some(Halt::Suspension);
     }
 
     /// Forgets a move that is paused: a resume goes nowhere then.
@@ -346,7 +366,6 @@ impl Axis {
     /// A fault: off, with nowhere to go.
     pub fn trip(&mut self) {
         self.stopped();
-        self.halt = None;
     }
 
     /// Resumes a channel that is paused: it goes on with its move, or holds where it is if it has
@@ -367,19 +386,24 @@ impl Axis {
     /// goes on to the end of its time and holds then, unless something keeps it back on its way or
     /// [`end_move`](Self::end_move) comes before.
     pub fn link_lost(&mut self, now: Reading) {
+        self.fall_silent(Halt::Silence, now);
+    }
+
+    fn fall_silent(&mut self, why: Halt, now: Reading) {
+        let was_stopped = self.is_stop;
         match (self.state, self.method) {
             (State::Running, Method::Pwm | Method::Velocity) => {
                 self.course = Course::Ramp(Ramp::new(self.set_point.saturating_neg(), STOP_RAMP));
                 self.state = State::Stopping(STOP_OFF);
-                self.halt = Some(Halt::Silence);
+                self.halt = if was_stopped { self.halt } else { Some(why) };
             }
             (State::Running, Method::Position) if self.is_timed && self.course.left() > 0 => {
                 self.is_orphaned = true;
             }
-            (State::Running, Method::Position) => self.hold(now),
+            (State::Running, Method::Position) => self.hold(why, now),
             (State::Paused, _) => {
                 self.stopped();
-                self.halt = Some(Halt::Silence);
+                self.halt = Some(why);
             }
             (State::Off | State::Stopping(_), _) => {}
         }
@@ -390,17 +414,16 @@ impl Axis {
     /// Breaks off a timed move of a host that has been silent for too long.
     pub fn end_move(&mut self, now: Reading) {
         if self.is_orphaned {
-            self.hold(now);
+            self.hold(Halt::Silence, now);
         }
     }
 
-    /// A position loop breaks off its move, if the host was silent under way, and holds within the band
-    /// around the shaft.
-    fn hold(&mut self, now: Reading) {
+    /// A position loop breaks off the move that is under way, and holds within the band around the shaft.
+    fn hold(&mut self, why: Halt, now: Reading) {
         let ahead = self.track.difference(Counts::from_bits(self.set_point), now.position);
         let held = ahead.clamp(HOLD_BAND.saturating_neg(), HOLD_BAND);
         if self.course.left() > 0 || self.rest != Counts::ZERO || held != ahead {
-            self.halt = Some(Halt::Silence);
+            self.halt = Some(why);
         }
         self.set_point = self.track.advance(now.position, held).to_bits();
         self.course = Course::NONE;

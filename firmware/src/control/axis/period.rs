@@ -8,12 +8,17 @@
 
 use crate::channel::Method;
 use crate::control::lead::{Following, Step};
-use crate::control::pid::{Error, Limits};
+use crate::control::pid::{Error, Gains, Limits};
 use crate::control::{saturate, track};
 use crate::ports::MotorOutput;
 use crate::units::{Counts, CountsPerSecond, Drive, Duty};
 
-use super::{Axis, Deviation, HANDOVER_SHIFT, HeldBack, Reading, State, to_duty};
+use super::{
+    Axis, Deviation, HANDOVER_SHIFT, HOLD_BAND, Halt, HeldBack, Reading, SetPoint, State, to_duty,
+};
+
+/// A drive so near to a limit stands at it.
+const NEAR: Drive = Drive::from_bits(64);
 
 impl Axis {
     /// One period of a channel that runs, or may again.
@@ -25,7 +30,7 @@ impl Axis {
             State::Running | State::Paused if self.oldest > 0 => {
                 self.age = self.age.saturating_add(1);
                 if self.age > self.oldest && !self.is_stop {
-                    self.link_lost(now);
+                    self.fall_silent(Halt::Age, now);
                 }
                 if self.age > self.oldest.max(self.longest_move) {
                     self.end_move(now);
@@ -46,13 +51,14 @@ impl Axis {
             || (soft.low > limits.low && drive <= soft.low);
         let limits = &self.narrowed(now);
         if self.is_orphaned && (self.course.left() == 0 || held_back) {
-            self.hold(now);
+            self.hold(Halt::Silence, now);
         }
         let slope = CountsPerSecond::from_bits(self.course.slope());
         let own = match self.method {
             Method::Pwm => {
                 self.move_set_point();
-                self.to_logical(Drive::from_bits(self.set_point))
+                self.wanted = self.to_logical(Drive::from_bits(self.set_point));
+                self.wanted
             }
             Method::Position => {
                 let moved = self.track.difference(now.position, last.position);
@@ -78,38 +84,57 @@ impl Axis {
         let back = self.pushed_back(now);
         self.is_at_soft_limit |= back.is_some();
         self.drive = back.map_or(own, |back| limits.nearest(back));
-        self.held_back = self.what_holds_back(now, outside, limits);
+        let held_back = match back {
+            Some(_) => Some((HeldBack::SoftLimit, false)),
+            None => self.what_holds_back(now, outside, limits),
+        };
+        let goes_on = held_back.is_some() && held_back == self.held_back;
+        self.held_back_for = if goes_on { self.held_back_for.saturating_add(1) } else { 0 };
+        self.held_back = held_back;
         MotorOutput { duty: to_duty(self.to_logical(self.drive)), enabled: true }
     }
 
-    /// Which limits the drive stands at, if it is asked for more: those from `outside`, with the soft
-    /// limits, or those that its settings have `narrowed`.
+    /// Which limit the drive stands at, if its loop, or a PWM, wants more than it has; and whether that is
+    /// more of positive drive.
     fn what_holds_back(
         &self,
         now: Reading,
         outside: &Limits,
         narrowed: &Limits,
-    ) -> Option<HeldBack> {
-        let asked = match self.deviation(now) {
-            None => self
-                .to_logical(Drive::from_bits(self.set_point))
-                .saturating_sub(self.drive)
-                .to_bits(),
-            Some(Deviation::Position(way)) => way.to_bits(),
-            Some(Deviation::Velocity(difference)) => difference.to_bits(),
+    ) -> Option<(HeldBack, bool)> {
+        let missing = self.wanted.saturating_sub(self.drive);
+        let is_asked_to_move = match (self.set_point(), self.deviation(now)) {
+            (SetPoint::Velocity(set_point), _) => set_point != CountsPerSecond::ZERO,
+            // Less is a load that is held.
+            (_, Some(Deviation::Position(way))) => way.saturating_abs() > HOLD_BAND,
+            _ => true,
         };
-        let is_at = |limits: &Limits| match asked {
-            0 => false,
-            1.. => limits.high < Limits::FULL.high && self.drive >= limits.high,
-            _ => limits.low > Limits::FULL.low && self.drive <= limits.low,
-        };
-        if self.is_at_soft_limit {
-            Some(HeldBack::SoftLimit)
-        } else if is_at(outside) {
-            Some(HeldBack::Outside)
-        } else {
-            is_at(narrowed).then_some(HeldBack::OwnSettings)
+        if missing == Drive::ZERO || !is_asked_to_move {
+            return None;
         }
+        let more = missing > Drive::ZERO;
+        // Both as if the drive were positive.
+        let drive = if more { self.drive } else { self.drive.saturating_neg() };
+        let limit_of = |limits: &Limits| match more {
+            true => limits.high,
+            false => limits.low.saturating_neg(),
+        };
+        let stands_at = |limit: Drive| drive >= limit.saturating_sub(NEAR);
+        let is_limit = |limit: Drive| limit < Drive::ONE && stands_at(limit);
+        let by = if is_limit(limit_of(outside)) {
+            HeldBack::Outside { rising: more }
+        } else if is_limit(limit_of(&self.limits)) {
+            HeldBack::SoftLimit
+        } else if is_limit(Drive::from_bits(self.settings.highest_duty.into())) {
+            HeldBack::HighestDuty
+        } else if drive >= limit_of(narrowed) && missing.saturating_abs() > NEAR {
+            HeldBack::Slew
+        } else if stands_at(Drive::ONE) {
+            HeldBack::FullDrive
+        } else {
+            return None;
+        };
+        Some((by, more))
     }
 
     /// The limits from outside, and what the soft limits forbid.
@@ -129,7 +154,7 @@ impl Axis {
         if self.settings.slew_ms > 0 {
             let step = Drive::ONE.wrapping_div_int(self.settings.slew_ms.into()).max(Drive::DELTA);
             let (mut low, mut high) = (self.drive.min(Drive::ZERO), self.drive.max(Drive::ZERO));
-            if self.is_stop {
+            if self.is_stop && self.method != Method::Position {
                 // What stops may brake with all it has, and drives no harder than before.
                 let (speed, slow) = (now.velocity, track::creep(self.full_speed));
                 low = if speed > slow { Drive::NEG_ONE } else { low };
@@ -226,7 +251,8 @@ impl Axis {
         // On a ramp the shaft is meant to move: only what differs from the slope is damped.
         let rate = now.velocity.saturating_sub(slope);
         let error = Error::of_position(error);
-        self.pid.step(&self.position, error, rate, self.forward(slope), limits)
+        let gains = self.position;
+        self.step_pid(&gains, error, rate, self.forward(slope), limits)
     }
 
     fn velocity_loop(&mut self, now: Reading, rate: CountsPerSecond, limits: &Limits) -> Drive {
@@ -234,7 +260,29 @@ impl Axis {
         let error = Error::of_velocity(set_point.saturating_sub(now.velocity));
         // Half of it: the motor may be faster than the setting says, and the loop adds what is missing.
         let forward = self.forward(set_point).wrapping_shr(1);
-        self.pid.step(&self.velocity, error, rate, forward, limits)
+        let gains = self.velocity;
+        self.step_pid(&gains, error, rate, forward, limits)
+    }
+
+    /// The loop's drive within the limits, and what it wants without.
+    fn step_pid(
+        &mut self,
+        gains: &Gains,
+        error: Error,
+        rate: CountsPerSecond,
+        forward: Drive,
+        limits: &Limits,
+    ) -> Drive {
+        let mut unlimited = self.pid;
+        let own = self.pid.step(gains, error, rate, forward, limits);
+        // An integral that fills the limit leaves a little of it.
+        let is_free =
+            own > limits.low.saturating_add(NEAR) && own < limits.high.saturating_sub(NEAR);
+        self.wanted = match is_free {
+            true => own,
+            false => unlimited.step(gains, error, rate, forward, &Limits::NONE),
+        };
+        own
     }
 
     /// The drive that makes this velocity, as far as is known.

@@ -19,7 +19,7 @@ use protocol::pms5005::Repeat;
 use super::{Effect, Upkeep, UpkeepRefused, count};
 use crate::channel::{CHANNELS, Channel, ENCODERS, Scope};
 use crate::command::Command;
-use crate::controller::{ShownFault, Snapshot};
+use crate::controller::{CountRefusal, CountSet, ShownFault, Snapshot};
 use crate::ports::{Program, ResetCause};
 use crate::safety::faults::Fault;
 use crate::settings::store::Origin;
@@ -116,8 +116,10 @@ pub(super) struct Extension {
     /// The place of the fault whose record the host waits for, until it is told, and when to look
     /// whether the controller shows it.
     asked_fault: Option<(u8, Instant)>,
-    /// An encoder's count to be set, as soon as it is known whether its channel is off.
-    asked_count: Option<(Channel, i32)>,
+    /// The serial number of the last count that was to be set, and when to look what came of it, if that is
+    /// not known yet.
+    count_serial: u8,
+    count_looked_at: Option<Instant>,
     /// What the session has refused.
     pub(super) refusals: Refusals,
 }
@@ -131,7 +133,8 @@ impl Extension {
             owed: Deque::new(),
             upkeep: None,
             asked_fault: None,
-            asked_count: None,
+            count_serial: 0,
+            count_looked_at: None,
             refusals: Refusals::default(),
         }
     }
@@ -171,39 +174,44 @@ impl Extension {
     /// Owes nobody anything any more: the host has gone. Upkeep under way is still done.
     pub(super) fn forget(&mut self) {
         self.owed.clear();
-        (self.asked_fault, self.asked_count) = (None, None);
+        (self.asked_fault, self.count_looked_at) = (None, None);
     }
 
     /// When to [`look`](Self::look) at a snapshot.
     pub(super) fn looks_at(&self) -> Option<Instant> {
-        if self.asked_count.is_some() {
-            return Some(Instant::MIN);
-        }
         let is_waiting = |owed: &Owed| matches!(owed, Owed::Fault(_));
-        let (_, at) = self.asked_fault?;
-        (!self.owed.iter().any(is_waiting)).then_some(at)
+        let fault = self.asked_fault.filter(|_| !self.owed.iter().any(is_waiting));
+        [fault.map(|(_, at)| at), self.count_looked_at].into_iter().flatten().min()
     }
 
-    /// What a snapshot has an answer to, as soon as there is room for it, and what is asked of the board
-    /// then.
-    pub(super) fn look(
-        &mut self,
-        now: Instant,
-        snapshot: &Snapshot,
-    ) -> (Option<Owed>, Option<Effect>) {
-        if self.looks_at().is_none_or(|at| at > now) {
-            return (None, None);
+    /// What a snapshot has an answer to, as soon as there is room for it.
+    pub(super) fn look(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Owed> {
+        if self.looks_at()? > now {
+            return None;
         }
-        if let Some((channel, count)) = self.asked_count.take() {
-            let is_off = !snapshot.outputs.motors[channel.index()].enabled;
-            let verdict = if is_off { Verdict::Done } else { Verdict::OutputsOn };
-            let set = is_off.then_some(Effect::Control(Command::SetCount { channel, count }));
-            return (Some(Owed::Outcome(Outcome::of_count(verdict))), set);
+        let later = now.saturating_add(RECORD_SHOWN);
+        if let Some((_, at)) = &mut self.asked_fault {
+            *at = later;
         }
-        let Some((place, at)) = self.asked_fault.as_mut() else { return (None, None) };
-        *at = now.saturating_add(RECORD_SHOWN);
-        let is_told = snapshot.shown_fault.place == *place && !self.owed.is_full();
-        (is_told.then_some(Owed::Fault(*place)), None)
+        if let Some(at) = &mut self.count_looked_at {
+            *at = later;
+        }
+        if self.owed.is_full() {
+            return None;
+        }
+        let CountSet { serial, refused } = snapshot.count_set;
+        if self.count_looked_at.is_some() && serial == self.count_serial {
+            self.count_looked_at = None;
+            return Some(Owed::Outcome(Outcome::of_count(match refused {
+                None => Verdict::Done,
+                Some(CountRefusal::NotOff) => Verdict::OutputsOn,
+                Some(CountRefusal::NoEncoder) => Verdict::NotAvailable,
+            })));
+        }
+        let (place, _) = self.asked_fault?;
+        let is_waiting = |owed: &Owed| matches!(owed, Owed::Fault(_));
+        let is_due = !self.owed.iter().any(is_waiting) && snapshot.shown_fault.place == place;
+        is_due.then_some(Owed::Fault(place))
     }
 
     /// Notes what came of a request that could be read, if that is known already.
@@ -271,10 +279,13 @@ impl Extension {
                 let verdict = match Channel::ALL.get(usize::from(channel)) {
                     Some(channel) if channel.index() >= ENCODERS => Verdict::NotAvailable,
                     None => Verdict::OutOfRange,
-                    Some(_) if self.asked_count.is_some() => Verdict::Busy,
+                    Some(_) if self.count_looked_at.is_some() => Verdict::Busy,
                     Some(&channel) => {
-                        self.asked_count = Some((channel, count));
-                        return (None, None);
+                        self.count_serial = self.count_serial.wrapping_add(1);
+                        self.count_looked_at = Some(now.saturating_add(RECORD_SHOWN));
+                        let serial = self.count_serial;
+                        let set = Command::SetCount { channel, count, serial };
+                        return (None, Some(Effect::Control(set)));
                     }
                 };
                 (Some(Owed::Outcome(Outcome::of_count(verdict))), None)
@@ -375,12 +386,9 @@ impl Extension {
             }
             Owed::Refusals => {
                 let refused = &snapshot.counters.refused;
-                let not_now = self.refusals.not_now.wrapping_add(refused.count);
-                let Refusals { method, scale, .. } = self.refusals;
                 Answer::Refusals(Refusals {
-                    not_now,
-                    method: method.wrapping_add(refused.method),
-                    scale: scale.wrapping_add(refused.scale),
+                    method: refused.method,
+                    scale: refused.scale,
                     ..self.refusals
                 })
             }
@@ -388,8 +396,8 @@ impl Extension {
         })
     }
 
-    /// The machine state now.
-    pub(super) fn state(&self, now: Instant, snapshot: &Snapshot) -> Answer<'static> {
+    /// The machine state now, of a session that has refused so many frames.
+    pub(super) fn state(&self, now: Instant, snapshot: &Snapshot, refused: u32) -> Answer<'static> {
         let has_fault = snapshot.faults.count() > 0;
         let bit = |set: bool, bit: u8| if set { bit } else { 0 };
         let mut channels = snapshot.channels.iter().zip(&snapshot.outputs.motors);
@@ -399,7 +407,7 @@ impl Extension {
             flags: bit(snapshot.link_loss, flag::LINK_LOST)
                 | bit(snapshot.obstacle, flag::OBSTACLE)
                 | bit(has_fault, flag::FAULT),
-            refused: snapshot.counters.refused.total() as u8, // wraps
+            refused: refused.wrapping_add(snapshot.counters.refused.total()) as u8, // wraps
             battery: snapshot.sensors.battery,
             channels: [(); CHANNELS].map(|()| {
                 let (Some((channel, output)), Some(current)) = (channels.next(), currents.next())

@@ -44,16 +44,21 @@ pub(super) fn channel_state(
         None => (wire::Reason::None, 0),
         Some(Reason::Fault(fault)) => (wire::Reason::Fault, fault.number()),
         Some(Reason::Silence) => (wire::Reason::Silence, 0),
+        Some(Reason::OldCommand) => (wire::Reason::OldCommand, 0),
         Some(Reason::Suspended) => (wire::Reason::Suspended, 0),
         Some(Reason::Refused { why: AxisRefusal::OtherMethod, origin }) => {
             (wire::Reason::OtherMethod, origin)
         }
-        Some(Reason::Refused { origin, .. }) => (wire::Reason::BeyondScale, origin),
+        Some(Reason::Refused { why: AxisRefusal::BeyondScale, origin }) => {
+            (wire::Reason::BeyondScale, origin)
+        }
         Some(Reason::Obstacle) => (wire::Reason::Obstacle, 0),
         Some(Reason::SoftLimit) => (wire::Reason::SoftLimit, 0),
         Some(Reason::OverCurrent) => (wire::Reason::OverCurrent, 0),
         Some(Reason::Overload) => (wire::Reason::Overload, 0),
+        Some(Reason::HighestDuty) => (wire::Reason::HighestDuty, 0),
         Some(Reason::Slew) => (wire::Reason::Slew, 0),
+        Some(Reason::FullDrive) => (wire::Reason::FullDrive, 0),
     };
     ChannelState {
         position: channel.position,

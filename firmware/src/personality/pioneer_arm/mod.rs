@@ -182,11 +182,8 @@ impl Session for PioneerArm {
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Effect> {
         self.answers.watch(now);
-        let (told, asked) = self.answers.extension.look(now, snapshot);
+        let told = self.answers.extension.look(now, snapshot);
         self.answers.settle(told);
-        if asked.is_some() {
-            return asked;
-        }
         let seen = Seen {
             present: snapshot.sensors.gpio_in & ARM_LINE == 0,
             stopped: snapshot.faults.stops_servos(),

@@ -23,7 +23,7 @@ pub use protocol::extension::Counters as LinkCounters;
 use protocol::extension::{Outcome, Request, Verdict, is_read};
 use protocol::pms5005::{
     self as wire, ACK, Frame, PING, RES_NO_ACK, RID_HOST, RID_PMS5005, Refusal, Repeat, Report,
-    Reports, encode_answer,
+    Reports, did, encode_answer,
 };
 
 use super::extension::{Boot, Extension, Owed, Stream};
@@ -141,9 +141,9 @@ impl Session for Pms5005 {
     }
 
     fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Effect> {
-        let (answer, request) = self.answers.extension.look(now, snapshot);
+        let answer = self.answers.extension.look(now, snapshot);
         self.answers.settle(answer);
-        request
+        None
     }
 
     fn wakes_at(&self) -> Option<Instant> {
@@ -165,7 +165,10 @@ impl Session for Pms5005 {
             Due::Stream(Topic::Telemetry(reports), due) => {
                 report(reports, self.answers.moment(due, now, snapshot)).encode(out)
             }
-            Due::Stream(Topic::State, _) => encode_answer(&extension.state(now, &snapshot()), out),
+            Due::Stream(Topic::State, _) => {
+                let refused = self.answers.counters.refused;
+                encode_answer(&extension.state(now, &snapshot(), refused), out)
+            }
             Due::Stream(Topic::Health, _) => {
                 encode_answer(&extension.health(now, &snapshot()), out)
             }
@@ -298,7 +301,9 @@ impl Answers {
         }
         match command {
             Ok(command) => self.carry_out(command, now),
-            Err(unknown @ (Refusal::UnknownDid(_) | Refusal::Extension(Verdict::Unknown))) => {
+            Err(unknown @ (Refusal::UnknownDid(_) | Refusal::Extension(Verdict::Unknown)))
+                if frame.did != did::PARAMETERS =>
+            {
                 count(&mut self.counters.unknown, 1);
                 warning!("frame ignored: {}", unknown);
                 None
@@ -320,6 +325,7 @@ impl Answers {
             Refusal::Length { .. } => &mut refusals.length,
             Refusal::NoSuchChannel(_) | Refusal::RepeatedChannel(_) => &mut refusals.channel,
             Refusal::Value { .. } => &mut refusals.value,
+            // A DID that is not known is counted as such.
             Refusal::UnknownDid(_) | Refusal::UnknownSubCommand(_) => &mut refusals.sub_command,
         };
         count(counter, 1);

@@ -51,7 +51,7 @@ pub struct Options {
     /// stalled, 0 to 1000000 each, as flipped=100,stalled=2000.
     #[arg(long, value_name = "RATES", default_value = "")]
     bus_faults: String,
-    /// Pace both directions as a UART of that baud would, 9600 or more; 0 does not [default: 115200, and 1000000
+    /// Pace both directions as a UART of that baud would, 9600 or more (a PMS5005's 19200); 0 does not [default: 115200, and 1000000
     /// for a CM-5 or a servo bus].
     #[arg(long, value_name = "BAUD")]
     line_rate: Option<u32>,
@@ -121,6 +121,8 @@ impl Personality {
 
 /// A session gives up a frame that takes longer than half a second: 264 bytes take 275 ms here.
 const SLOWEST_LINE: u32 = 9600;
+/// And a task that sends for more than 90 ms counts as hung: the machine state takes 69 ms here.
+const SLOWEST_PMS5005: u32 = 19_200;
 
 impl Options {
     /// What the command line says. An error is what is wrong with it, or what the user wanted to
@@ -149,8 +151,12 @@ impl Options {
             }
         }
         let rate = self.line_rate();
-        if (1..SLOWEST_LINE).contains(&rate) {
-            return Err(format!("--line-rate {rate}: must be 0, or {SLOWEST_LINE} or more"));
+        let slowest = match personality {
+            Personality::Pms5005 => SLOWEST_PMS5005,
+            _ => SLOWEST_LINE,
+        };
+        if (1..slowest).contains(&rate) {
+            return Err(format!("--line-rate {rate}: must be 0, or {slowest} or more"));
         }
         if personality == Personality::Ax12Bus && rate == 0 {
             return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());
