@@ -14,7 +14,6 @@
 //! | 99 | none: counters | 99 |
 //! | 100 | DATA of DID 100: place of a latched fault (1 byte) | 100, or 101 |
 //! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot | 101 |
-//!
 //! | 103 | none: what was refused, by reason | 103 |
 //!
 //! The machine state (102) is not carried: an arm drives no DC channel, and ARMpac tells its joints.
