@@ -10,10 +10,12 @@
 //! - `tests/store.rs`: settings in a flash that loses power at any byte;
 //! - `tests/control.rs`: the loops against the simulated motors, with bounds on both sides;
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/stops.rs`: nothing moves after a stop;
+//! - `tests/asked.rs`: what was asked moves as asked; `tests/reasons.rs`: why a motor does not;
 //! - `tests/refusals.rs`: what is not done; `tests/order.rs`: one frame, one period;
 //! - `tests/watchdog.rs`: tasks that hang;
 //! - `tests/faults/`: every fault and its near miss, every setting of them; `tests/healthy.rs`: what
 //!   is none;
+//! - `tests/rooms.rs`: what each module of the firmware may import;
 //! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;

@@ -6,11 +6,11 @@ use hal_mock::flash::{Flash, SIZE};
 use protocol::extension::{
     Action, Answer, Assignments, ChannelState, Counters, Description, Fault, FaultRecord, Health,
     Identity, Latched, MachineState, Mode, Origin, Outcome, Reason, Refusals, Request, ResetCause,
-    Unit, Verdict,
+    Unit, VERSION, Verdict,
 };
 use protocol::pms5005::{
     Channel, Command, EncodeError, Frame, Gain, Loop, Method, Parameter, Polarity, Quantity,
-    Repeat, Reports, Scope, Sensor, did, encode_answer,
+    Refusal, Repeat, Reports, Scope, Sensor, did, encode_answer,
 };
 use tests::Link::Silent;
 use tests::extension::assign;
@@ -163,6 +163,29 @@ fn table_e_2_byte_by_byte() {
 
     let outcome = Outcome { did: 7, first: 0x82, verdict: Verdict::OutputsOn, setting: 0x0201 };
     assert_eq!(told(Answer::Outcome(outcome)), (101, vec![7, 0x82, 6, 1, 2]));
+}
+
+/// What the version stands for. A DID, a code or a byte more makes this fail: raise [`VERSION`], once for
+/// what is merged together, and put here what there is now.
+#[test]
+fn version_2_has_these_requests_codes_and_bytes() {
+    let known = (96..=111).filter(|&did| {
+        let unknown = Err(Refusal::Extension(Verdict::Unknown));
+        Command::parse(did, &[]) != unknown
+    });
+    assert_eq!(known.collect::<Vec<_>>(), [96, 97, 98, 99, 100, 102, 103]);
+    assert_eq!((0x80..=0xFF).filter(|&sub| is_sub_command(sub)).count(), 7);
+    let codes = [Unit::ALL.len(), ResetCause::ALL.len(), Origin::ALL.len(), Verdict::ALL.len()];
+    assert_eq!(codes, [12, 5, 3, 10]);
+    assert_eq!([Fault::ALL.len(), Mode::ALL.len(), Reason::ALL.len()], [17, 4, 11]);
+    let bytes = [size_of::<Counters>(), size_of::<Refusals>(), Answer::MAX_DATA];
+    assert_eq!(bytes, [72, 36, 124]);
+    assert_eq!(VERSION, 2);
+}
+
+/// Whether DID 7 has this sub-command of the extension.
+fn is_sub_command(sub: u8) -> bool {
+    Command::parse(7, &[sub]) != Err(Refusal::Extension(Verdict::Unknown))
 }
 
 #[test]

@@ -294,6 +294,9 @@ fn who_only_watches_keeps_nothing_running() {
         Request::Health(Repeat::Continuous),
         Request::Counters,
         Request::Fault(0),
+        Request::State(once),
+        Request::State(Repeat::Continuous),
+        Request::Refusals,
     ] {
         assert!(!keeps_running(|bench| bench.send(Command::Extension(request))), "{request:?}");
     }

@@ -24,21 +24,7 @@
 //! Promise: whatever happens, [`safe_state`] disables every bridge, ends every servo pulse and
 //! lowers every output; it needs no stack to speak of and no initialisation.
 //!
-//! # Another board
-//! Adding a board is adding one file, for every STM32F4 that runs at 168 MHz and has 512 KiB of
-//! flash and 128 KiB of RAM in one piece (F405, F407, F427, F446 and alike; memory.x). The smaller
-//! ones (F401, F411) lack TIM8, which paces the analogue scan.
-//!
-//! 1. Copy `f446.rs`, and give it your pins, timers and streams. What the chip cannot do does not
-//!    compile; what the board has on its pins already, only its manual knows.
-//!    The host's line and the servos' timers are the same on all boards so far, and stand here and in
-//!    [`drives`]; a board with others has its own in its file.
-//! 2. Leave out what there is no pin for: the lists of [`drives::Drives`] may be shorter, and
-//!    [`sensing::Sensing`] says how many rangers and inputs there are. The servo bus of the CM-5's
-//!    image is on USART6, whose vector bin/cm5.rs binds; it may share its pins with motors.
-//! 3. Name it: a feature beside `board-f446` in firmware/Cargo.toml, and a line above
-//!    `mod selected` here. A row in `.ci/images` has it built in CI, an alias in
-//!    .cargo/config.toml tells the probe its chip.
+//! How to add a board: `firmware/README.md`.
 
 mod boot;
 mod dma;

@@ -41,7 +41,6 @@
 //! | 98 | Health | as DID 123: none is continuously, N is N times, 0 is stop | 98: the first at once, but never less than the period of telemetry (setting 32) behind the one before or the start |
 //! | 99 | Counters | none | 99 |
 //! | 100 | The record of a latched fault; one at a time | its place in the list (1 byte), from 0 | 100, or 101 |
-//!
 //! | 102 | The machine state; PMS5005 only | as DID 123 | 102: the first at once, then every period of setting 33 |
 //! | 103 | What was refused, by reason | none | 103 |
 //!
@@ -59,7 +58,7 @@
 //! | | 21 | Unit ([`Unit`]) |
 //! | | 22 to the end | Name, ASCII, 24 bytes at most; of several of one name (channels, joints) a space and a digit behind it tell which |
 //! | 97 | 1, 2, 3 | Version of the firmware: major, minor, patch |
-//! | | 4 | Version of this extension: 2 |
+//! | | 4 | Version of this extension ([`VERSION`]) |
 //! | | 5 | Why the board has started ([`ResetCause`]) |
 //! | | 6 | Where its settings come from ([`Origin`]) |
 //! | 98 | 1 to 4 | Uptime in ms; wraps after 49 days |

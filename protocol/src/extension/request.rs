@@ -63,27 +63,39 @@ impl<'a> Request<'a> {
         if !super::owns(did, data) {
             return None;
         }
-        Some(match (did, data) {
-            (did::PARAMETERS, [SET, ..]) => Assignments::parse(data).map(Self::Set),
-            (did::PARAMETERS, &[SET_COUNT, channel, c0, c1, c2, c3]) => {
+        let nothing = data.is_empty();
+        let repeat = || matches!(data, [] | [_]).then(|| Repeat::parse(data.first()));
+        let request = match did {
+            did::PARAMETERS => return Some(Self::parse_sub_command(data)),
+            did::SETTING => {
+                data.try_into().ok().map(|word| Self::Setting(u16::from_le_bytes(word)))
+            }
+            did::IDENTITY => nothing.then_some(Self::Identity),
+            did::HEALTH => repeat().map(Self::Health),
+            did::COUNTERS => nothing.then_some(Self::Counters),
+            did::FAULT => data.try_into().ok().map(|[place]: [u8; 1]| Self::Fault(place)),
+            did::STATE => repeat().map(Self::State),
+            did::REFUSALS => nothing.then_some(Self::Refusals),
+            _ => return Some(Err(Verdict::Unknown)),
+        };
+        Some(request.ok_or(Verdict::BadLength))
+    }
+
+    /// Reads DATA of a DID 7 that is the extension's.
+    fn parse_sub_command(data: &'a [u8]) -> Result<Self, Verdict> {
+        match data {
+            [SET, ..] => Assignments::parse(data).map(Self::Set),
+            &[SET_COUNT, channel, c0, c1, c2, c3] => {
                 Ok(Self::SetCount { channel, count: i32::from_le_bytes([c0, c1, c2, c3]) })
             }
-            (did::PARAMETERS, [SET_COUNT, ..]) => Err(Verdict::BadLength),
-            (did::PARAMETERS, [number, rest @ ..]) => match Action::from_number(*number) {
+            [SET_COUNT, ..] => Err(Verdict::BadLength),
+            [number, rest @ ..] => match Action::from_number(*number) {
                 Some(action) if rest.is_empty() => Ok(Self::Do(action)),
                 Some(_) => Err(Verdict::BadLength),
                 None => Err(Verdict::Unknown),
             },
-            (did::SETTING, &[low, high]) => Ok(Self::Setting(u16::from_le_bytes([low, high]))),
-            (did::IDENTITY, []) => Ok(Self::Identity),
-            (did::HEALTH, [] | [_]) => Ok(Self::Health(Repeat::parse(data.first()))),
-            (did::COUNTERS, []) => Ok(Self::Counters),
-            (did::FAULT, &[place]) => Ok(Self::Fault(place)),
-            (did::STATE, [] | [_]) => Ok(Self::State(Repeat::parse(data.first()))),
-            (did::REFUSALS, []) => Ok(Self::Refusals),
-            (did::SETTING..=did::FAULT | did::STATE | did::REFUSALS, _) => Err(Verdict::BadLength),
-            _ => Err(Verdict::Unknown),
-        })
+            [] => Err(Verdict::Unknown),
+        }
     }
 
     /// The DID that it has on the wire.

@@ -12,7 +12,7 @@ use hal_mock::flash::Flash;
 use protocol::arcos::{ArmInfo, extension};
 use protocol::extension::{
     Action, Answer, Assignments, Fault, Health, Latched, Origin, Outcome, Refusals, Request,
-    ResetCause, Verdict,
+    ResetCause, VERSION, Verdict,
 };
 use protocol::pms5005::Repeat;
 use tests::extension::assign;
@@ -106,7 +106,10 @@ fn a_host_reads_sets_saves_and_has_its_settings_after_a_restart_and_no_joint_jum
 
     host.received();
     host.open();
-    assert_eq!(host.ask_raw(97, &[]).1[3..], [2, ResetCause::Software as u8, Origin::Stored as u8]);
+    assert_eq!(
+        host.ask_raw(97, &[]).1[3..],
+        [VERSION, ResetCause::Software as u8, Origin::Stored as u8]
+    );
     host.received();
     host.send(ArmCommand::Info);
     host.run_ms(20);

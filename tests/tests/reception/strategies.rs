@@ -44,22 +44,29 @@ fn request() -> impl Strategy<Value = Request<'static>> {
     prop_oneof![
         select(Action::ALL.to_vec()).prop_map(Request::Do),
         any::<u16>().prop_map(Request::Setting),
-        select(vec![Request::Identity, Request::Counters]),
-        select(repeats).prop_map(Request::Health),
+        select(vec![Request::Identity, Request::Counters, Request::Refusals]),
+        select(repeats.clone()).prop_map(Request::Health),
+        select(repeats).prop_map(Request::State),
+        any::<(u8, i32)>().prop_map(|(channel, count)| Request::SetCount { channel, count }),
         any::<u8>().prop_map(Request::Fault),
     ]
 }
 
 /// Every answer of the extension.
 pub fn answer() -> impl Strategy<Value = Answer<'static>> {
-    let codes = |last: u8| 0..=last;
     let channel = proptest::option::of(0..6u8);
     let record = (select(Fault::ALL.to_vec()), channel, any::<u32>(), any::<[i16; 3]>()).prop_map(
         |(fault, channel, uptime_ms, values)| FaultRecord { fault, channel, uptime_ms, values },
     );
     let members = proptest::option::of(0..10u8);
     let names = select(vec!["", "a", "telemetry period", "full speed potentiometer"]);
-    let setting = (1..=u16::MAX, any::<u16>(), any::<[i32; 4]>(), codes(9), (names, members))
+    let setting = (
+        1..=u16::MAX,
+        any::<u16>(),
+        any::<[i32; 4]>(),
+        select(Unit::ALL.to_vec()),
+        (names, members),
+    )
         .prop_map(|(number, next, [value, low, high, default], unit, (name, member))| {
             Description {
                 number,
@@ -67,17 +74,18 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
                 value,
                 range: (low, high),
                 default,
-                unit: Unit::from_number(unit).unwrap(),
+                unit,
                 name,
                 member,
             }
         });
-    let identity = (any::<[u8; 4]>(), codes(4), codes(2)).prop_map(
+    let causes = select(ResetCause::ALL.to_vec());
+    let identity = (any::<[u8; 4]>(), causes, select(Origin::ALL.to_vec())).prop_map(
         |([major, minor, patch, extension], reset, settings)| Identity {
             version: [major, minor, patch],
             extension,
-            reset: ResetCause::from_number(reset).unwrap(),
-            settings: Origin::from_number(settings).unwrap(),
+            reset,
+            settings,
         },
     );
     let health = (any::<[u32; 2]>(), any::<[u16; 2]>(), any::<u8>()).prop_map(
@@ -94,10 +102,8 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
         total,
         record: (place < total).then_some(record),
     });
-    let outcome =
-        (any::<[u8; 2]>(), codes(9), any::<u16>()).prop_map(|([did, first], verdict, setting)| {
-            Outcome { did, first, verdict: Verdict::from_number(verdict).unwrap(), setting }
-        });
+    let outcome = (any::<[u8; 2]>(), select(Verdict::ALL.to_vec()), any::<u16>())
+        .prop_map(|([did, first], verdict, setting)| Outcome { did, first, verdict, setting });
     let counters = any::<[u32; 4]>().prop_map(|[frames_ok, refused, acks_sent, links_lost]| {
         Counters { frames_ok, refused, acks_sent, links_lost, ..Counters::default() }
     });
@@ -106,19 +112,22 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
         scale,
         ..Refusals::default()
     });
-    let channel = (any::<[i32; 2]>(), any::<[i16; 2]>(), any::<u16>(), codes(3), codes(10))
-        .prop_map(|([position, velocity], [set_point, duty], current, mode, reason)| {
-            ChannelState {
-                position,
-                velocity,
-                set_point,
-                duty,
-                current,
-                mode: Mode::from_number(mode).unwrap(),
-                reason: Reason::from_number(reason).unwrap(),
-                detail: reason,
-            }
-        });
+    let (modes, reasons) = (select(Mode::ALL.to_vec()), select(Reason::ALL.to_vec()));
+    let channel = (any::<[i32; 2]>(), any::<[i16; 2]>(), any::<[u8; 3]>(), modes, reasons)
+        .prop_map(
+            |([position, velocity], [set_point, duty], [low, high, detail], mode, reason)| {
+                ChannelState {
+                    position,
+                    velocity,
+                    set_point,
+                    duty,
+                    current: u16::from_le_bytes([low, high]),
+                    mode,
+                    reason,
+                    detail,
+                }
+            },
+        );
     let state = (any::<[u16; 4]>(), any::<u8>(), prop::array::uniform6(channel), any::<[u16; 6]>())
         .prop_map(|([time_ms, battery @ ..], flags, channels, servos)| MachineState {
             time_ms,
