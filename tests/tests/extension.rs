@@ -177,7 +177,7 @@ fn version_2_has_these_requests_codes_and_bytes() {
     assert_eq!((0x80..=0xFF).filter(|&sub| is_sub_command(sub)).count(), 7);
     let codes = [Unit::ALL.len(), ResetCause::ALL.len(), Origin::ALL.len(), Verdict::ALL.len()];
     assert_eq!(codes, [12, 5, 3, 10]);
-    assert_eq!([Fault::ALL.len(), Mode::ALL.len(), Reason::ALL.len()], [17, 4, 11]);
+    assert_eq!([Fault::ALL.len(), Mode::ALL.len(), Reason::ALL.len()], [17, 4, 14]);
     let bytes = [size_of::<Counters>(), size_of::<Refusals>(), Answer::MAX_DATA];
     assert_eq!(bytes, [72, 36, 124]);
     assert_eq!(VERSION, 2);

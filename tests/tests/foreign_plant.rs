@@ -129,7 +129,7 @@ fn compare(seconds: i64) -> [(f64, f64); 2] {
             currents: [ours[0].motor.current_adc(), ours[1].motor.current_adc(), 0, 0, 0, 0],
             ..MotionInputs::default()
         };
-        let snapshot = controller.step(commands, || None, &motion, &Sensors::UNKNOWN, ms as u32);
+        let snapshot = *controller.step(commands, || None, &motion, &Sensors::UNKNOWN, ms as u32);
         assert_eq!(snapshot.faults.count(), 0, "after {ms} ms: {:?}", snapshot.shown_fault);
         let errors = |runs: &[Run; 2]| {
             [asked_velocity as f64 - runs[0].motor.velocity(), line - runs[1].motor.counts()]

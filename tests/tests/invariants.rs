@@ -345,8 +345,13 @@ fn chaos(seed: u64) -> [u32; 32] {
         if let Some(settings) = &adopted {
             model.take_settings(settings);
         }
-        snapshot =
-            controller.step(command, || adopted.take(), &motion, &sensors, session.signs_of_life());
+        snapshot = *controller.step(
+            command,
+            || adopted.take(),
+            &motion,
+            &sensors,
+            session.signs_of_life(),
+        );
         plant.outputs = snapshot.outputs;
 
         if let Some(command) = command

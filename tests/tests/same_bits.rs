@@ -109,7 +109,8 @@ fn the_controller_gives_these_bits_on_every_machine() {
         let sonar_cm = [if period % 700 < 100 { 20 } else { 255 }; 6];
         let sensors = Sensors { sonar_cm, ..Sensors::UNKNOWN };
         let link_frames = period - period % 8000 + (period % 8000).min(5000);
-        let snapshot = controller.step(commands, || adopted.take(), &inputs, &sensors, link_frames);
+        let snapshot =
+            *controller.step(commands, || adopted.take(), &inputs, &sensors, link_frames);
         for motor in snapshot.outputs.motors {
             digest.take(motor.duty.raw().into());
         }

@@ -140,7 +140,7 @@ pub async fn control<M: RawMutex, C: Copy>(
         let is_held = channels.hold.get();
         let most = if is_held { 0 } else { COMMANDS };
         let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
-        let mut snapshot = controller.step(
+        let snapshot = controller.step(
             commands.take(most),
             || channels.settings.try_receive().ok(),
             &motion,
@@ -157,7 +157,7 @@ pub async fn control<M: RawMutex, C: Copy>(
         }
         worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
-        channels.snapshot.set(&snapshot);
+        channels.snapshot.set(snapshot);
     }
 }
 
@@ -307,11 +307,8 @@ pub async fn link<M: RawMutex, S: Session>(
                 let now = Instant::now();
                 let request = due.take().or_else(|| {
                     let mut session = session.borrow_mut();
-                    session.receive(&mut bytes, now).or_else(|| {
-                        // A snapshot is only copied for a session that has its time.
-                        session.wakes_at().filter(|&at| at <= now)?;
-                        session.advance(now, &channels.snapshot.get())
-                    })
+                    let asked = session.receive(&mut bytes, now);
+                    asked.or_else(|| session.advance(now, || channels.snapshot.get()))
                 });
                 channels.signs_of_life.set(&session.borrow().signs_of_life());
                 match request {

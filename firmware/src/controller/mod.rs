@@ -32,7 +32,7 @@ use crate::safety::faults::{Fault, FaultRecord, Stops, stops};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
-use crate::units::CONTROL_PERIOD_MS;
+use crate::units::{CONTROL_PERIOD_MS, CountsPerSecond};
 pub use reason::Reason;
 use reason::{RefusedCommand, reason};
 use shaft::{Shaft, angle};
@@ -60,6 +60,8 @@ pub struct Controller {
     shown_fault: u8,
     count_set: CountSet,
     counters: ControlCounters,
+    /// Of the last period. Here, because it is large to be handed on.
+    snapshot: Snapshot,
 }
 
 impl Controller {
@@ -90,6 +92,7 @@ impl Controller {
             shown_fault: 0,
             count_set: CountSet::NONE,
             counters: ControlCounters::default(),
+            snapshot: Snapshot::BOOT,
         }
     }
 
@@ -104,7 +107,7 @@ impl Controller {
         self.board.period_missed(latency_us);
     }
 
-    /// One control period.
+    /// One control period: what may be told of it, which the caller may correct.
     ///
     /// `settings` takes what waits for a [`Command::Adopt`]. `signs_of_life` is a count that changes with
     /// every sign of life of the host. Commands that do not fit the channels' sensors or methods are
@@ -116,7 +119,7 @@ impl Controller {
         motion: &MotionInputs,
         sensors: &Sensors,
         signs_of_life: u32,
-    ) -> Snapshot {
+    ) -> &mut Snapshot {
         self.counters.periods = self.counters.periods.wrapping_add(1);
         self.measure(motion);
         for command in commands {
@@ -152,32 +155,36 @@ impl Controller {
         }
         let blocked = self.guard.step(sensors, &self.settings.collision);
         let outputs = self.drive(motion, blocked);
-        Snapshot {
-            motion: *motion,
-            encoders: array::from_fn(|i| EncoderReading {
-                count: self.encoders[i].reading.position.to_num(),
-                velocity: self.encoders[i].reading.velocity,
-            }),
-            sensors: *sensors,
-            outputs,
-            link_loss: self.link.is_lost()
-                || self.axes.iter().any(|axis| axis.halt() == Some(Halt::Silence)),
-            servos: self.servos.map(|servo| servo.set_point()),
-            obstacle: blocked,
-            channels: Channel::ALL.map(|channel| self.channel(channel, blocked)),
-            no_current_sensor: array::from_fn(|i| {
-                !self.settings.current_sensors[i] || self.monitors[i].current_floats()
-            }),
-            faults: self.faults.latched(),
-            shown_fault: ShownFault {
-                place: self.shown_fault,
-                total: self.faults.records(),
-                record: self.faults.record(self.shown_fault),
-            },
-            count_set: self.count_set,
-            counters: self.counters,
-            worst_latency_us: 0,
+        self.tell(motion, sensors, outputs, blocked);
+        &mut self.snapshot
+    }
+
+    /// Writes down what may be told of this period.
+    fn tell(&mut self, motion: &MotionInputs, sensors: &Sensors, outputs: Outputs, blocked: bool) {
+        let mut link_loss = self.link.is_lost();
+        for channel in Channel::ALL {
+            let i = channel.index();
+            link_loss |= self.axes[i].halt() == Some(Halt::Silence);
+            self.snapshot.channels[i] = self.channel(channel, blocked);
+            self.snapshot.servos[i] = self.servos[i].set_point();
+            self.snapshot.no_current_sensor[i] =
+                !self.settings.current_sensors[i] || self.monitors[i].current_floats();
         }
+        let snapshot = &mut self.snapshot;
+        for (told, shaft) in snapshot.encoders.iter_mut().zip(&self.encoders) {
+            let Reading { position, velocity } = shaft.reading;
+            *told = EncoderReading { count: position.to_num(), velocity };
+        }
+        (snapshot.motion, snapshot.sensors, snapshot.outputs) = (*motion, *sensors, outputs);
+        (snapshot.link_loss, snapshot.obstacle) = (link_loss, blocked);
+        snapshot.faults = self.faults.latched();
+        snapshot.shown_fault = ShownFault {
+            place: self.shown_fault,
+            total: self.faults.records(),
+            record: self.faults.record(self.shown_fault),
+        };
+        snapshot.count_set = self.count_set;
+        snapshot.counters = self.counters;
     }
 
     /// What may be told of a channel.
@@ -185,10 +192,15 @@ impl Controller {
         let i = channel.index();
         let (axis, latched) = (&self.axes[i], self.faults.latched());
         let forward = self.settings.collision.forward_is_positive.get(i).copied();
-        let (obstacle, limiting) = (forward.filter(|_| blocked), self.monitors[i].limiting());
+        let obstacle = forward.filter(|_| blocked);
+        let limiting = || self.monitors[i].limiting();
+        let (position, velocity) = match self.shaft(channel, axis.sensor()) {
+            Some(shaft) => (shaft.unwrapped(), shaft.reading.velocity),
+            None => (0, CountsPerSecond::ZERO),
+        };
         ChannelSnapshot {
-            position: self.shaft(channel, axis.sensor()).map_or(0, Shaft::unwrapped),
-            velocity: self.reading(channel).velocity,
+            position,
+            velocity,
             set_point: axis.set_point(),
             reason: reason(channel, axis, &latched, self.refused[i], obstacle, limiting),
         }

@@ -72,33 +72,36 @@ pub(super) struct RefusedCommand {
 
 /// The reason of a channel after a period, if it has one. `obstacle` tells in which drive, that of rising
 /// counts or the other, an obstacle holds it back.
+#[inline]
 pub(super) fn reason(
     channel: Channel,
     axis: &Axis,
     latched: &Latched,
     refused: Option<RefusedCommand>,
     obstacle: Option<bool>,
-    limiting: Option<Limiting>,
+    limiting: impl FnOnce() -> Option<Limiting>,
 ) -> Option<Reason> {
-    let halt = axis.halt().map(|halt| match halt {
-        Halt::Silence => Reason::Silence,
-        Halt::Age => Reason::OldCommand,
-        Halt::Suspension => Reason::Suspended,
-    });
-    let refused = refused.map(|RefusedCommand { why, origin }| Reason::Refused { why, origin });
-    let held_back = || {
-        axis.held_back().map(|held_back| match held_back {
-            HeldBack::Outside { rising } if obstacle == Some(rising) => Reason::Obstacle,
-            HeldBack::Outside { .. } if limiting == Some(Limiting::OverCurrent) => {
-                Reason::OverCurrent
-            }
-            HeldBack::Outside { .. } => Reason::Overload,
-            HeldBack::SoftLimit => Reason::SoftLimit,
-            HeldBack::HighestDuty => Reason::HighestDuty,
-            HeldBack::Slew => Reason::Slew,
-            HeldBack::FullDrive => Reason::FullDrive,
-        })
-    };
-    let fault = latched.stopping(channel).map(Reason::Fault);
-    fault.or(halt).or(refused).or_else(held_back)
+    if let Some(fault) = latched.stopping(channel) {
+        return Some(Reason::Fault(fault));
+    }
+    match axis.halt() {
+        Some(Halt::Silence) => return Some(Reason::Silence),
+        Some(Halt::Age) => return Some(Reason::OldCommand),
+        Some(Halt::Suspension) => return Some(Reason::Suspended),
+        None => {}
+    }
+    if let Some(RefusedCommand { why, origin }) = refused {
+        return Some(Reason::Refused { why, origin });
+    }
+    Some(match axis.held_back()? {
+        HeldBack::Outside { rising } if obstacle == Some(rising) => Reason::Obstacle,
+        HeldBack::Outside { .. } => match limiting() {
+            Some(Limiting::OverCurrent) => Reason::OverCurrent,
+            Some(Limiting::Overload) | None => Reason::Overload,
+        },
+        HeldBack::SoftLimit => Reason::SoftLimit,
+        HeldBack::HighestDuty => Reason::HighestDuty,
+        HeldBack::Slew => Reason::Slew,
+        HeldBack::FullDrive => Reason::FullDrive,
+    })
 }

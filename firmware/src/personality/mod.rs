@@ -85,8 +85,9 @@ pub trait Session {
     /// The settings that the [`Upkeep::Save`] that it has just asked for saves.
     fn to_save(&self) -> &Settings;
 
-    /// What time alone asks of the board. Call it until it answers `None`.
-    fn advance(&mut self, _now: Instant, _snapshot: &Snapshot) -> Option<Effect> {
+    /// What time alone asks of the board. Call it until it answers `None`. The snapshot is dear, and taken
+    /// only if it is time.
+    fn advance(&mut self, _now: Instant, _snapshot: impl FnOnce() -> Snapshot) -> Option<Effect> {
         None
     }
 

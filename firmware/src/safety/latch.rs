@@ -108,7 +108,8 @@ impl Latched {
             Stops::Channel => self.has(*fault, Some(channel)),
             Stops::Motors | Stops::MotorsAndServos => self.has(*fault, None),
         };
-        Fault::ALL.iter().copied().find(stops_it)
+        // To search is dear, and seldom needed.
+        self.stops_motor(channel).then(|| Fault::ALL.iter().copied().find(stops_it)).flatten()
     }
 
     /// Whether this DC channel must stay off.

@@ -7,11 +7,11 @@ use core::hint::black_box;
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
+use firmware::channel::Loop;
 use firmware::control::pid::{Error, Gains, Limits, Pid};
 use firmware::settings::HostGains;
 use firmware::units::{Counts, Drive};
 use idsp::iir::{Biquad, BiquadClamp, DirectForm1};
-use protocol::pms5005::Loop;
 
 use crate::case;
 

@@ -145,13 +145,13 @@ fn a_way_is_one_command_and_the_session_looks_at_it_no_more_than_every_20_ms() {
         bytes.clear();
         if session.wakes_at().is_some_and(|at| at <= now) {
             looks += 1;
-            while let Some(Effect::Control(command)) = session.advance(now, &snapshot) {
+            while let Some(Effect::Control(command)) = session.advance(now, || snapshot) {
                 queue.push(command);
             }
         }
         commands += queue.len();
         let life = session.signs_of_life();
-        snapshot = controller.step(queue, || None, &MotionInputs::default(), &sensors, life);
+        snapshot = *controller.step(queue, || None, &MotionInputs::default(), &sensors, life);
     }
     assert_eq!(snapshot.outputs.servos[0].map(|pulse| pulse.raw()), Some(pulse(177)));
     assert_eq!(session.counters().arm.positions[0], 177);

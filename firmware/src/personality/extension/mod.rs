@@ -179,6 +179,9 @@ impl Extension {
 
     /// When to [`look`](Self::look) at a snapshot.
     pub(super) fn looks_at(&self) -> Option<Instant> {
+        if self.asked_fault.is_none() {
+            return self.count_looked_at;
+        }
         let is_waiting = |owed: &Owed| matches!(owed, Owed::Fault(_));
         let fault = self.asked_fault.filter(|_| !self.owed.iter().any(is_waiting));
         [fault.map(|(_, at)| at), self.count_looked_at].into_iter().flatten().min()

@@ -180,9 +180,13 @@ impl Session for PioneerArm {
         self.answers.extension.to_save()
     }
 
-    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Effect> {
+    fn advance(&mut self, now: Instant, snapshot: impl FnOnce() -> Snapshot) -> Option<Effect> {
+        if self.answers.wakes_at() > now {
+            return None;
+        }
+        let snapshot = snapshot();
         self.answers.watch(now);
-        let told = self.answers.extension.look(now, snapshot);
+        let told = self.answers.extension.look(now, &snapshot);
         self.answers.settle(told);
         let seen = Seen {
             present: snapshot.sensors.gpio_in & ARM_LINE == 0,
@@ -195,10 +199,8 @@ impl Session for PioneerArm {
     }
 
     fn wakes_at(&self) -> Option<Instant> {
-        let arm = Some(self.answers.arm.wakes_at());
-        let looks_at = self.answers.extension.looks_at();
-        let times = [self.answers.silent_at(), self.receiver.gives_up_at(), looks_at, arm];
-        times.into_iter().flatten().min()
+        let wakes_at = self.answers.wakes_at();
+        Some(self.receiver.gives_up_at().map_or(wakes_at, |at| at.min(wakes_at)))
     }
 
     fn transmit<'b>(
@@ -338,6 +340,12 @@ impl Answers {
         count(&mut self.counters.link.telemetry_sent, 1);
         count(&mut self.counters.link.telemetry_skipped, missed as u32); // wraps, as documented
         Due::Standard
+    }
+
+    /// When time alone asks for something.
+    fn wakes_at(&self) -> Instant {
+        let times = [self.silent_at(), self.extension.looks_at()];
+        times.into_iter().flatten().fold(self.arm.wakes_at(), Instant::min)
     }
 
     /// When the host will have been silent for too long.

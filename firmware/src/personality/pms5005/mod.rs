@@ -140,9 +140,11 @@ impl Session for Pms5005 {
         self.answers.extension.to_save()
     }
 
-    fn advance(&mut self, now: Instant, snapshot: &Snapshot) -> Option<Effect> {
-        let answer = self.answers.extension.look(now, snapshot);
-        self.answers.settle(answer);
+    fn advance(&mut self, now: Instant, snapshot: impl FnOnce() -> Snapshot) -> Option<Effect> {
+        if self.answers.extension.looks_at()? <= now {
+            let answer = self.answers.extension.look(now, &snapshot());
+            self.answers.settle(answer);
+        }
         None
     }
 
