@@ -9,7 +9,7 @@ use embassy_sync::blocking_mutex::raw::RawMutex;
 ///
 /// It is copied while interrupts are off, or it could be half of one and half of the next; control
 /// waits for so long, should its period begin just then. A
-/// [`Snapshot`](crate::controller::Snapshot) of 200 bytes is 50 words: about 1 us at 168 MHz.
+/// [`Snapshot`](crate::controller::Snapshot) of some 350 bytes is 90 words: about 2 us at 168 MHz.
 pub struct Latest<M: RawMutex, T: Copy>(Mutex<M, Cell<T>>);
 
 impl<M: RawMutex, T: Copy> Latest<M, T> {

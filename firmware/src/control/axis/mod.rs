@@ -252,11 +252,6 @@ impl Axis {
         self.sensor
     }
 
-    /// What its set-point means.
-    pub fn method(&self) -> Method {
-        self.method
-    }
-
     /// What it is asked for now.
     pub fn set_point(&self) -> SetPoint {
         match self.method {
@@ -513,7 +508,7 @@ impl Axis {
 
     /// Starts a method from where shaft and drive are, staying there.
     fn engage(&mut self, method: Method, now: Reading) {
-        let was_driven = matches!(self.state, State::Running | State::Stopping(_));
+        let was_driven = self.is_on();
         self.old_drive = self.drive;
         self.handover = if was_driven { HANDOVER } else { 0 };
         self.state = State::Running;

@@ -39,7 +39,7 @@ impl Axis {
             State::Off | State::Running | State::Paused => {}
         }
         let last = core::mem::replace(&mut self.last, now);
-        if !matches!(self.state, State::Running | State::Stopping(_)) {
+        if !self.is_on() {
             (self.drive, self.held_back) = (Drive::ZERO, None);
             return MotorOutput { duty: Duty::NEUTRAL, enabled: false };
         }

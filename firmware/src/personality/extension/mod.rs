@@ -6,18 +6,19 @@
 
 mod words;
 
+use core::array;
 use core::num::NonZeroU8;
 
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
 use protocol::extension::{
-    Action, Answer, Assignments, ChannelState, Counters, Health, Identity, Latched, MachineState,
-    Outcome, Refusals, Request, VERSION, Verdict, did, flag,
+    Action, Answer, Assignments, Counters, Health, Identity, Latched, MachineState, Outcome,
+    Refusals, Request, VERSION, Verdict, did, flag,
 };
 use protocol::pms5005::Repeat;
 
 use super::{Effect, Upkeep, UpkeepRefused, count};
-use crate::channel::{CHANNELS, Channel, ENCODERS, Scope};
+use crate::channel::{Channel, ENCODERS, Scope};
 use crate::command::Command;
 use crate::controller::{CountRefusal, CountSet, ShownFault, Snapshot};
 use crate::ports::{Program, ResetCause};
@@ -252,8 +253,8 @@ impl Extension {
         count(counter, 1);
     }
 
-    /// Carries out a request for anything but health and the machine state, which are streams: what is to be answered,
-    /// if it is known yet, and what is asked of the board.
+    /// Carries out a request for anything but health and the machine state, which are streams: what is to
+    /// be answered, if it is known yet, and what is asked of the board.
     pub(super) fn respond(
         &mut self,
         request: Request<'_>,
@@ -403,8 +404,7 @@ impl Extension {
     pub(super) fn state(&self, now: Instant, snapshot: &Snapshot, refused: u32) -> Answer<'static> {
         let has_fault = snapshot.faults.count() > 0;
         let bit = |set: bool, bit: u8| if set { bit } else { 0 };
-        let mut channels = snapshot.channels.iter().zip(&snapshot.outputs.motors);
-        let mut currents = snapshot.motion.currents.into_iter();
+        let Snapshot { channels, outputs, motion, .. } = snapshot;
         Answer::State(MachineState {
             time_ms: (now - self.booted).as_millis() as u16, // the low 16 bits
             flags: bit(snapshot.link_loss, flag::LINK_LOST)
@@ -412,14 +412,10 @@ impl Extension {
                 | bit(has_fault, flag::FAULT),
             refused: refused.wrapping_add(snapshot.counters.refused.total()) as u8, // wraps
             battery: snapshot.sensors.battery,
-            channels: [(); CHANNELS].map(|()| {
-                let (Some((channel, output)), Some(current)) = (channels.next(), currents.next())
-                else {
-                    return ChannelState::default();
-                };
-                channel_state(channel, output, current)
+            channels: array::from_fn(|i| {
+                channel_state(&channels[i], &outputs.motors[i], motion.currents[i])
             }),
-            servos: snapshot.outputs.servos.map(|pulse| pulse.map_or(0, ServoPulse::raw)),
+            servos: outputs.servos.map(|pulse| pulse.map_or(0, ServoPulse::raw)),
         })
     }
 
