@@ -1,0 +1,139 @@
+//! A host of the PMS5005 on the bench's line.
+
+use protocol::deframe::{Deframer, Reception};
+use protocol::extension::Answer;
+use protocol::pms5005::{Command, Frame, MAX_FRAME, Move, Pms5005, Quantity, Report};
+use protocol::pms5005::{Addressing, CHANNELS};
+
+use super::{Bench, Make};
+
+/// A frame as it was heard.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heard {
+    /// End of its last stop bit, in ns.
+    pub at_ns: u64,
+    /// DID.
+    pub did: u8,
+    /// RES: 255 is what nobody acknowledges.
+    pub res: u8,
+    /// DATA.
+    pub data: Vec<u8>,
+}
+
+impl Heard {
+    /// Whether it is an acknowledgement (section III of the manual).
+    pub fn is_ack(&self) -> bool {
+        (self.res, self.did, &self.data[..]) == (0, 255, &[1])
+    }
+
+    /// The telemetry that it is.
+    pub fn report(&self) -> Option<Report> {
+        (self.res == 255).then(|| Report::parse(self.did, &self.data)).flatten()
+    }
+
+    /// The answer of the extension that it is.
+    pub fn answer(&self) -> Option<Answer<'_>> {
+        (self.res == 255).then(|| Answer::parse(self.did, &self.data)).flatten()
+    }
+}
+
+/// A board and its host.
+pub struct Host {
+    /// The bench.
+    pub bench: Bench,
+    deframer: Deframer<Pms5005, MAX_FRAME>,
+}
+
+/// How long a host that waits for something waits, in ms.
+const PATIENCE_MS: u64 = 400;
+
+impl Host {
+    /// Switches on a PMS5005, and waits until it talks.
+    pub fn boot(image: &str) -> Self {
+        Self::boot_with(image, Make::default())
+    }
+
+    /// Switches on a PMS5005 on a bench like this, and waits until it talks.
+    pub fn boot_with(image: &str, make: Make) -> Self {
+        let mut host = Self { bench: Bench::boot_with(image, make), deframer: Deframer::new() };
+        host.wait("telemetry", |frame| frame.report());
+        host
+    }
+
+    /// What has been heard since the last call.
+    pub fn heard(&mut self) -> Vec<Heard> {
+        let mut frames = Vec::new();
+        for (at_ns, byte) in self.bench.line.heard() {
+            if let Some(frame) = self.deframer.receive(&mut &[byte][..]) {
+                let Frame { res, did, data, .. } = Frame::parse(frame).expect("a whole frame");
+                frames.push(Heard { at_ns, did, res, data: data.to_vec() });
+            }
+        }
+        frames
+    }
+
+    /// What the receiver has counted.
+    pub fn reception(&self) -> Reception {
+        self.deframer.reception()
+    }
+
+    /// Lets time pass, in ms.
+    pub fn run_for(&mut self, ms: u64) {
+        self.bench.run_for(ms);
+    }
+
+    /// Lets time pass, in ms, with a sign of life every 200.
+    pub fn live_for(&mut self, ms: u64) {
+        for passed in (0..ms).step_by(200) {
+            self.send(Command::Ping);
+            self.run_for(200.min(ms - passed));
+        }
+    }
+
+    /// Sends a command.
+    pub fn send(&mut self, command: Command<'_>) {
+        let frame = command.encode(0, &mut [0; MAX_FRAME]).expect("it can be encoded").to_vec();
+        self.bench.line.send(&frame);
+    }
+
+    /// Sends what need not be a command.
+    pub fn send_raw(&mut self, did: u8, data: &[u8]) {
+        let frame = Frame { rid: 1, res: 0, did, data };
+        let bytes = frame.encode(&mut [0; MAX_FRAME]).expect("it can be encoded").to_vec();
+        self.bench.line.send(&bytes);
+    }
+
+    /// Waits for a frame of which `wanted` makes something; what comes before it is dropped.
+    pub fn wait<T>(&mut self, what: &str, mut wanted: impl FnMut(&Heard) -> Option<T>) -> T {
+        for _ in 0..PATIENCE_MS {
+            for frame in self.heard() {
+                if let Some(found) = wanted(&frame) {
+                    return found;
+                }
+            }
+            self.run_for(1);
+        }
+        panic!("no {what} within {PATIENCE_MS} ms");
+    }
+
+    /// Sends a command and waits for its acknowledgement.
+    pub fn order(&mut self, command: Command<'_>) {
+        self.send(command);
+        self.wait("acknowledgement", |frame| frame.is_ack().then_some(()));
+    }
+
+    /// Orders a motion of all channels, from 0; `None` leaves one alone.
+    pub fn go(&mut self, quantity: Quantity, targets: [Option<i16>; CHANNELS]) {
+        let motion = Move { quantity, addressing: Addressing::List, targets, periods: 0 };
+        self.order(Command::Move(motion));
+    }
+
+    /// The next motor report.
+    pub fn motors(&mut self) -> protocol::pms5005::MotorReport {
+        self.heard();
+        self.wait("motor report", |frame| match frame.report() {
+            Some(Report::Motors(report)) => Some(report),
+            _ => None,
+        })
+    }
+}

@@ -1,0 +1,81 @@
+//! hal-mock's bus of AX-12 servos on USART6's wire. The echo is the bench's, since rigless has no half
+//! duplex: it is there while `HDSEL` stands, and without it the board hears nothing at all.
+//!
+//! The board hears everything a byte's 10 us late: rigless tells of a byte at its end, and offers one
+//! at its beginning.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+
+use hal_mock::servo_bus::ServoBus;
+use rigless::chip::{Timeline, uart::Peer};
+use rigless::snapshot::Store;
+use rigless::time::VirtualNanos;
+
+use super::line::Timed;
+
+/// A byte on the wire, at 1 Mbaud.
+const BYTE_NS: u64 = 10_000;
+
+/// The bus's end of the wire. Handles are to the same bus.
+#[derive(Clone)]
+pub struct Servos {
+    /// The servos.
+    pub bus: Arc<Mutex<ServoBus>>,
+    /// Whether the UART is on one wire.
+    pub is_one_wire: Arc<AtomicBool>,
+    /// What the master has sent: the end of the stop bit, the byte.
+    pub sent: Arc<Mutex<Vec<Timed>>>,
+    heard: VecDeque<Timed>,
+}
+
+impl Servos {
+    /// On this bus.
+    pub fn new(bus: ServoBus) -> Self {
+        Self {
+            bus: Arc::new(Mutex::new(bus)),
+            is_one_wire: Arc::default(),
+            sent: Arc::default(),
+            heard: VecDeque::new(),
+        }
+    }
+}
+
+impl fmt::Debug for Servos {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Servos")
+    }
+}
+
+impl Store for Servos {}
+
+impl Peer for Servos {
+    fn receive(&mut self, word: u16, context: &mut Timeline<'_, '_>) {
+        let now = context.now().0;
+        self.sent.lock().unwrap().push((now, word as u8)); // 8 data bits
+        let mut bus = self.bus.lock().unwrap();
+        bus.send(now - BYTE_NS, &[word as u8]);
+        bus.advance_to(now);
+        if let Some(next) = bus.next_ns() {
+            context.schedule(VirtualNanos(next));
+        }
+    }
+
+    fn on_event(&mut self, _: rigless::time::EventId, context: &mut Timeline<'_, '_>) {
+        let mut bus = self.bus.lock().unwrap();
+        bus.advance_to(context.now().0);
+        if let Some(next) = bus.next_ns() {
+            context.schedule(VirtualNanos(next));
+        }
+    }
+
+    fn transmit(&mut self, now: VirtualNanos) -> Option<u16> {
+        let mut bus = self.bus.lock().unwrap();
+        bus.advance_to(now.0);
+        self.heard.extend(std::iter::from_fn(|| bus.receive()));
+        let byte = self.heard.pop_front()?.1;
+        self.is_one_wire.load(Ordering::Relaxed).then_some(byte.into())
+    }
+}
