@@ -22,6 +22,7 @@ use std::thread::JoinHandle;
 
 use hal_mock::plant::Scene;
 use hal_mock::servo_bus::ServoBus;
+use object::{Object, ObjectSymbol, SymbolKind};
 use rigless::device::{ErasedDevice, ResetCause};
 use rigless::emulator::{self, AccessKind, Driver, Host, Settled, Start, Stop};
 use rigless::image::Image;
@@ -29,8 +30,7 @@ use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::session::Session;
 use rigless::snapshot::Store;
-use rigless::soc::Bus;
-use rigless::symbols::Symbols;
+use rigless::soc::{Bus, Width};
 use rigless::time::VirtualNanos;
 
 use crate::part::timers::Shared;
@@ -126,8 +126,7 @@ impl Board for Rig {
             boot: "flash",
         };
         let windows = rigless::cpu::armv7m::windows(self.chip.bus());
-        let spec =
-            core.spec_with_parts(&windows, armv7m::Fpu::FpV4Sp, armv7m::MpuRegions::Eight);
+        let spec = core.spec_with_parts(&windows, armv7m::Fpu::FpV4Sp, armv7m::MpuRegions::Eight);
         vec![Target::new("stm32f407", self, spec)]
     }
 }
@@ -231,8 +230,8 @@ pub struct Bench {
     pub display: Display,
     /// The servo bus.
     pub servos: Servos,
-    /// The image's symbols.
-    pub symbols: Symbols,
+    /// The image's file.
+    elf: Vec<u8>,
 }
 
 /// Where `.ci/images` leaves an image.
@@ -254,14 +253,15 @@ impl Bench {
         let path = image(name);
         let image = Image::read(&path, None)
             .unwrap_or_else(|error| panic!("{}: {error}; .ci/images builds it", path.display()));
-        let symbols = Symbols::read(image.bytes(), |symbol| symbol & !1).expect("an ELF file");
+        let elf = image.bytes().to_vec();
         let waveforms = [Shared::default(), Shared::default()];
         let channels = [world::COMMON[0], world::COMMON[1], world::COMMON[2]];
-        let front = Multiplexers::new(world::SELECT, channels, waveforms.clone());
+        let wiring = if name.ends_with("f446") { &world::F446 } else { &world::F407 };
+        let front = Multiplexers::new(wiring.select, channels, waveforms.clone());
         let voltages = front.voltages.clone();
         let (line, display) = (Line::default(), Display::default());
         let servos = Servos::new(make.servos);
-        let world = World::new(make.scene, voltages, servos.clone());
+        let world = World::new(make.scene, wiring, voltages, servos.clone());
         let chip = Stm32f407::new(make.identity, 3300, waveforms, Box::new(front), world::COMMON);
         let mut chip = chip.expect("the part's description is right");
         chip.part.usart[1].attach(line.clone());
@@ -292,8 +292,35 @@ impl Bench {
             line,
             display,
             servos,
-            symbols,
+            elf,
         }
+    }
+
+    /// Where the image has the only symbol, or the shortest, with this in its mangled name. A
+    /// function's is its first instruction.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn symbol(&self, part: &str) -> u64 {
+        let file = object::File::parse(&self.elf[..]).expect("an ELF file");
+        let named = file.symbols().filter_map(|symbol| Some((symbol.name().ok()?, symbol)));
+        let code_or_data = named.filter(|(name, symbol)| {
+            name.contains(part) && matches!(symbol.kind(), SymbolKind::Text | SymbolKind::Data)
+        });
+        let shortest = code_or_data.min_by_key(|(name, _)| name.len());
+        shortest.unwrap_or_else(|| panic!("no symbol with {part}")).1.address() & !1
+    }
+
+    /// Puts other instructions where a symbol is, as if the flash had always held them: what the
+    /// image does from there on is the test's. Half words of Thumb code.
+    pub fn patch(&self, part: &str, code: &[u16]) {
+        let (address, code) = (self.symbol(part), code.to_vec());
+        self.with(move |stand| {
+            for (address, half) in (address..).step_by(2).zip(code) {
+                let put = stand.host.program(address, Width::W16, half.into());
+                put.expect("it is in the flash");
+            }
+        });
     }
 
     fn order(&self, order: Order) {

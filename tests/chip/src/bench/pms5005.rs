@@ -1,9 +1,11 @@
 //! A host of the PMS5005 on the bench's line.
 
+use std::collections::VecDeque;
+
 use protocol::deframe::{Deframer, Reception};
 use protocol::extension::Answer;
-use protocol::pms5005::{Command, Frame, MAX_FRAME, Move, Pms5005, Quantity, Report};
 use protocol::pms5005::{Addressing, CHANNELS};
+use protocol::pms5005::{Command, Frame, MAX_FRAME, Move, Pms5005, Quantity, Report};
 
 use super::{Bench, Make};
 
@@ -42,6 +44,8 @@ pub struct Host {
     /// The bench.
     pub bench: Bench,
     deframer: Deframer<Pms5005, MAX_FRAME>,
+    /// Heard, and not looked at yet.
+    frames: VecDeque<Heard>,
 }
 
 /// How long a host that waits for something waits, in ms.
@@ -55,21 +59,25 @@ impl Host {
 
     /// Switches on a PMS5005 on a bench like this, and waits until it talks.
     pub fn boot_with(image: &str, make: Make) -> Self {
-        let mut host = Self { bench: Bench::boot_with(image, make), deframer: Deframer::new() };
+        let bench = Bench::boot_with(image, make);
+        let mut host = Self { bench, deframer: Deframer::new(), frames: VecDeque::new() };
         host.wait("telemetry", |frame| frame.report());
         host
     }
 
-    /// What has been heard since the last call.
+    /// What has been heard and was not looked at yet.
     pub fn heard(&mut self) -> Vec<Heard> {
-        let mut frames = Vec::new();
+        self.collect();
+        self.frames.drain(..).collect()
+    }
+
+    fn collect(&mut self) {
         for (at_ns, byte) in self.bench.line.heard() {
             if let Some(frame) = self.deframer.receive(&mut &[byte][..]) {
                 let Frame { res, did, data, .. } = Frame::parse(frame).expect("a whole frame");
-                frames.push(Heard { at_ns, did, res, data: data.to_vec() });
+                self.frames.push_back(Heard { at_ns, did, res, data: data.to_vec() });
             }
         }
-        frames
     }
 
     /// What the receiver has counted.
@@ -106,7 +114,8 @@ impl Host {
     /// Waits for a frame of which `wanted` makes something; what comes before it is dropped.
     pub fn wait<T>(&mut self, what: &str, mut wanted: impl FnMut(&Heard) -> Option<T>) -> T {
         for _ in 0..PATIENCE_MS {
-            for frame in self.heard() {
+            self.collect();
+            while let Some(frame) = self.frames.pop_front() {
                 if let Some(found) = wanted(&frame) {
                     return found;
                 }

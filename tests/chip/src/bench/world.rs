@@ -5,8 +5,8 @@
 //! says is put on the pins: encoders as quadrature edges spread over the next millisecond, analogue
 //! values as voltages on the multiplexers. Echoes and the remote's frames are edges at their time.
 
-use std::collections::{BTreeMap, BinaryHeap};
 use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
 use std::sync::atomic::Ordering;
 
 use firmware::ports::{MotorOutput, Sensors};
@@ -20,32 +20,41 @@ use super::multiplexers::Voltages;
 use super::servos::Servos;
 use crate::part::{Output, Stm32f407, Timer};
 
+/// A pin: port from 0 (A), number.
+pub type Line = (usize, u8);
+
 const A: usize = 0;
 const B: usize = 1;
 const C: usize = 2;
 const D: usize = 3;
 const E: usize = 4;
 
-/// A pin: port from 0, number.
-pub type Line = (usize, u8);
+/// What a board has on which pins (the tables of firmware/src/board/README.md).
+#[derive(Debug)]
+pub struct Wiring {
+    /// PWM of DC channels 1 to 6.
+    pub bridges: [Output; 6],
+    /// Their enable lines.
+    pub enables: [Line; 6],
+    /// Pulses of servos 1 to 6.
+    pub servos: [Output; 6],
+    /// S0 to S3 of the multiplexers.
+    pub select: [Line; 4],
+    /// Triggers and echoes of the rangers.
+    pub rangers: &'static [(Line, Line)],
+    /// The infrared receiver.
+    pub remote: Line,
+    /// The input port, from input 0.
+    pub inputs: &'static [Line],
+    /// The output port, from output 0.
+    pub outputs: &'static [Line],
+}
 
 const fn output(line: Line, function: u8, timer: Timer, channel: u8) -> Output {
     Output { port: line.0, pin: line.1, function, timer, channel }
 }
 
-/// PWM of DC channels 1 to 6.
-pub const BRIDGES: [Output; 6] = [
-    output((E, 9), 1, Timer::Tim1, 1),
-    output((E, 11), 1, Timer::Tim1, 2),
-    output((E, 13), 1, Timer::Tim1, 3),
-    output((E, 14), 1, Timer::Tim1, 4),
-    output((C, 6), 3, Timer::Tim8, 1),
-    output((C, 7), 3, Timer::Tim8, 2),
-];
-/// Their enable lines.
-pub const ENABLES: [Line; 6] = [(E, 2), (E, 4), (E, 5), (E, 6), (E, 7), (E, 8)];
-/// Pulses of servos 1 to 6.
-pub const SERVOS: [Output; 6] = [
+const SERVOS: [Output; 6] = [
     output((B, 4), 2, Timer::Tim3, 1),
     output((B, 5), 2, Timer::Tim3, 2),
     output((B, 0), 2, Timer::Tim3, 3),
@@ -53,30 +62,58 @@ pub const SERVOS: [Output; 6] = [
     output((B, 14), 9, Timer::Tim12, 1),
     output((B, 15), 9, Timer::Tim12, 2),
 ];
+
+/// STM32F407VG.
+pub static F407: Wiring = Wiring {
+    bridges: [
+        output((E, 9), 1, Timer::Tim1, 1),
+        output((E, 11), 1, Timer::Tim1, 2),
+        output((E, 13), 1, Timer::Tim1, 3),
+        output((E, 14), 1, Timer::Tim1, 4),
+        output((C, 6), 3, Timer::Tim8, 1),
+        output((C, 7), 3, Timer::Tim8, 2),
+    ],
+    enables: [(E, 2), (E, 4), (E, 5), (E, 6), (E, 7), (E, 8)],
+    servos: SERVOS,
+    select: [(B, 10), (B, 11), (B, 12), (B, 13)],
+    rangers: &[
+        ((A, 5), (A, 1)),
+        ((A, 6), (A, 4)),
+        ((A, 10), (C, 5)),
+        ((B, 2), (A, 7)),
+        ((C, 12), (A, 8)),
+        ((C, 14), (C, 10)),
+    ],
+    remote: (C, 13),
+    inputs: &[(D, 0), (D, 1), (D, 2), (D, 3), (D, 4), (D, 5), (D, 6), (D, 7)],
+    outputs: &[(D, 8), (D, 9), (D, 10), (D, 11), (D, 12), (D, 13), (D, 14), (D, 15)],
+};
+
+/// NUCLEO-F446RE.
+pub static F446: Wiring = Wiring {
+    bridges: [
+        output((A, 8), 1, Timer::Tim1, 1),
+        output((A, 9), 1, Timer::Tim1, 2),
+        output((A, 10), 1, Timer::Tim1, 3),
+        output((C, 6), 3, Timer::Tim8, 1),
+        output((C, 7), 3, Timer::Tim8, 2),
+        output((C, 8), 3, Timer::Tim8, 3),
+    ],
+    enables: [(C, 0), (C, 3), (C, 5), (C, 9), (C, 10), (C, 11)],
+    servos: SERVOS,
+    select: [(B, 2), (B, 10), (B, 12), (B, 13)],
+    rangers: &[((A, 0), (A, 1)), ((A, 6), (A, 7)), ((A, 11), (A, 12))],
+    remote: (D, 2),
+    inputs: &[(C, 13), (C, 12)],
+    outputs: &[(A, 5), (A, 4)],
+};
+
 /// Channels A and B of encoders 1 and 2, the function that gives them to their timer, and the timer's
-/// place among TIM2 to TIM5.
+/// place among TIM2 to TIM5; the same on both boards.
 const ENCODERS: [(Line, Line, u8, usize); 2] = [((A, 15), (B, 3), 1, 0), ((B, 6), (B, 7), 2, 2)];
-/// S0 to S3 of the multiplexers.
-pub const SELECT: [Line; 4] = [(B, 10), (B, 11), (B, 12), (B, 13)];
-/// ADC1's inputs behind multiplexers A, B and C: PC1, PC2, PC4.
+/// ADC1's inputs behind multiplexers A, B and C on both boards: PC1, PC2, PC4.
 pub const COMMON: &[u8] = &[11, 12, 14];
-/// Triggers and echoes of rangers 1 to 6.
-const RANGERS: [(Line, Line); 6] = [
-    ((A, 5), (A, 1)),
-    ((A, 6), (A, 4)),
-    ((A, 10), (C, 5)),
-    ((B, 2), (A, 7)),
-    ((C, 12), (A, 8)),
-    ((C, 14), (C, 10)),
-];
-const REMOTE: Line = (C, 13);
-/// Inputs 0 to 7.
-pub const INPUTS: [Line; 8] =
-    [(D, 0), (D, 1), (D, 2), (D, 3), (D, 4), (D, 5), (D, 6), (D, 7)];
-/// Outputs 0 to 7.
-pub const OUTPUTS: [Line; 8] =
-    [(D, 8), (D, 9), (D, 10), (D, 11), (D, 12), (D, 13), (D, 14), (D, 15)];
-/// The servo bus's direction line.
+/// The servo bus's direction line, in the CM-5's image.
 pub const DIRECTION: Line = (C, 8);
 
 /// The world's step.
@@ -114,6 +151,8 @@ type Edge = Reverse<(u64, usize, u8, bool)>;
 pub struct World {
     /// Motors, servos, sensors.
     pub plant: Plant,
+    /// What is on which pins.
+    pub wiring: &'static Wiring,
     /// Whether the plant's analogue values go to the multiplexers; else they are the test's own.
     pub is_analog: bool,
     /// The multiplexers' inputs.
@@ -140,21 +179,20 @@ impl std::fmt::Debug for World {
 
 impl World {
     /// A world of this scene.
-    pub fn new(scene: Scene, voltages: Voltages, servos: Servos) -> Self {
+    pub fn new(scene: Scene, wiring: &'static Wiring, voltages: Voltages, servos: Servos) -> Self {
         let mut plant = Plant::new(scene, 1);
         let echoes = plant.sensors().sonar_cm;
         let mut driven = BTreeMap::new();
         // 10 kOhm to ground.
-        for line in ENABLES.into_iter().chain(OUTPUTS).chain([DIRECTION]) {
-            driven.insert(line, false);
-        }
-        for output in BRIDGES.iter().chain(&SERVOS) {
-            driven.insert((output.port, output.pin), false);
-        }
-        driven.extend(RANGERS.map(|(_, echo)| (echo, false)));
-        driven.insert(REMOTE, true); // no carrier
+        let pulled_down = wiring.enables.iter().chain(wiring.outputs).chain([&DIRECTION]);
+        driven.extend(pulled_down.map(|&line| (line, false)));
+        let pulses = wiring.bridges.iter().chain(&wiring.servos);
+        driven.extend(pulses.map(|output| ((output.port, output.pin), false)));
+        driven.extend(wiring.rangers.iter().map(|&(_, echo)| (echo, false)));
+        driven.insert(wiring.remote, true); // no carrier
         Self {
             plant,
+            wiring,
             is_analog: true,
             voltages,
             enabled: Vec::new(),
@@ -185,10 +223,11 @@ impl World {
     /// bits of 560 us mark and 560 or 1690 us space, the last mark), with a 16 bit address.
     pub fn press(&mut self, ns: u64, address: u16, command: u8) {
         let word = u32::from(address) | u32::from(command) << 16 | u32::from(!command) << 24;
+        let (port, pin) = self.wiring.remote;
         let mut at = ns;
         let mut mark = |mark_us: u64, space_us: u64| {
-            self.edges.push(Reverse((at, REMOTE.0, REMOTE.1, false)));
-            self.edges.push(Reverse((at + 1000 * mark_us, REMOTE.0, REMOTE.1, true)));
+            self.edges.push(Reverse((at, port, pin, false)));
+            self.edges.push(Reverse((at + 1000 * mark_us, port, pin, true)));
             at += 1000 * (mark_us + space_us);
         };
         mark(9000, 4500);
@@ -198,8 +237,10 @@ impl World {
 
     /// The part was reset: its models have forgotten what was on its pins.
     pub fn put_again(&mut self, chip: &mut Stm32f407, now: VirtualNanos) {
-        RANGERS.iter().for_each(|((port, pin), _)| chip.exti.watch(*port, *pin));
-        ENABLES.iter().chain([&DIRECTION]).for_each(|(port, pin)| chip.exti.watch(*port, *pin));
+        let triggers = self.wiring.rangers.iter().map(|(trigger, _)| trigger);
+        for &(port, pin) in self.wiring.enables.iter().chain([&DIRECTION]).chain(triggers) {
+            chip.exti.watch(port, pin);
+        }
         for (&(port, pin), &is_high) in &self.driven {
             chip.drive(now, port, pin, Some(Level::from(is_high)));
         }
@@ -214,15 +255,16 @@ impl World {
         }
         for (port, pin, level, at) in chip.exti.heard() {
             let (line, is_high) = ((port, pin), level == Level::High);
-            if let Some(channel) = ENABLES.iter().position(|&enable| enable == line) {
+            if let Some(channel) = self.wiring.enables.iter().position(|&enable| enable == line) {
                 self.enabled.push((at, channel, is_high));
             }
             if line == DIRECTION {
                 self.turned.push((at, is_high));
             }
-            let ranger = RANGERS.iter().position(|&(trigger, _)| trigger == line);
+            let rangers = self.wiring.rangers;
+            let ranger = rangers.iter().position(|&(trigger, _)| trigger == line);
             if let (Some(ranger), false) = (ranger, is_high) {
-                let (_, echo) = RANGERS[ranger];
+                let (_, echo) = rangers[ranger];
                 let begins = at + ECHO_AFTER_NS;
                 if self.echoes[ranger] < 255 {
                     self.drive_at(begins, echo, true);
@@ -283,7 +325,7 @@ impl World {
             }
             self.counts[encoder] = counts;
         }
-        for (bit, line) in INPUTS.into_iter().enumerate() {
+        for (bit, &line) in self.wiring.inputs.iter().enumerate() {
             self.drive(chip, now, line, sensors.gpio_in >> bit & 1 != 0);
         }
         if self.is_analog {
@@ -300,29 +342,30 @@ impl World {
     fn outputs(&self, chip: &mut Stm32f407) -> firmware::ports::Outputs {
         let mut outputs = firmware::ports::Outputs::default();
         for (channel, motor) in outputs.motors.iter_mut().enumerate() {
-            let is_enabled = chip.level(ENABLES[channel].0, ENABLES[channel].1) == Level::High;
+            let (port, pin) = self.wiring.enables[channel];
+            let is_enabled = chip.level(port, pin) == Level::High;
             // Locked anti-phase; a line that stays low drives in full reverse.
-            let high = chip.pulses(BRIDGES[channel]).map_or(0.0, |pulses| pulses.duty());
+            let high =
+                chip.pulses(self.wiring.bridges[channel]).map_or(0.0, |pulses| pulses.duty());
             let raw = ((2.0 * high - 1.0) * f64::from(Duty::FULL)).round() as i32;
             *motor = MotorOutput { duty: Duty::from_raw(raw), enabled: is_enabled };
         }
-        for (servo, output) in outputs.servos.iter_mut().zip(SERVOS) {
+        for (servo, output) in outputs.servos.iter_mut().zip(self.wiring.servos) {
             *servo = chip.pulses(output).filter(|pulses| pulses.width_ns > 0.0).map(|pulses| {
                 ServoPulse::from_raw((pulses.width_ns * 2.25 / 1000.0).round() as i32)
             });
         }
-        let bit = |bits: u8, (port, pin): &Line, chip: &mut Stm32f407| {
-            bits << 1 | u8::from(chip.level(*port, *pin) == Level::High)
-        };
-        outputs.gpio = OUTPUTS.iter().rev().fold(0, |bits, line| bit(bits, line, chip));
+        outputs.gpio = self.wiring.outputs.iter().rev().fold(0, |bits, &(port, pin)| {
+            bits << 1 | u8::from(chip.level(port, pin) == Level::High)
+        });
         outputs
     }
 }
 
 /// Places and counts of the inputs that are not control's.
 fn slow(sensors: &Sensors) -> impl Iterator<Item = ((usize, usize), u16)> {
-    let at = |multiplexer: usize, first: usize| move |(i, &counts): (usize, &u16)| {
-        ((multiplexer, first + i), counts)
+    let at = |multiplexer: usize, first: usize| {
+        move |(i, &counts): (usize, &u16)| ((multiplexer, first + i), counts)
     };
     let a = sensors.custom_ad.iter().enumerate().map(at(0, 6));
     let reference = sensors.reference.iter().enumerate().map(at(0, 14));

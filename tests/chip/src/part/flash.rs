@@ -109,7 +109,12 @@ impl Device for Flash {
                 }
                 if cr::STRT.is_set(value) && cr::SER.is_set(value) && self.work.is_none() {
                     let number = cr::SNB.get(value);
-                    self.begin(Work::Erase { sector: number }, sector(number).2, registers, context);
+                    self.begin(
+                        Work::Erase { sector: number },
+                        sector(number).2,
+                        registers,
+                        context,
+                    );
                 }
             }
             Register::Cr => context.tell("CR", "written while it is locked"),

@@ -93,10 +93,9 @@ fn bus(identity: u64) -> Result<Bus, Error> {
     for i2c in ["I2C1", "I2C2", "I2C3"] {
         bus = bus.write_modify(i2c, "SR1", WriteModify::ZeroToClear);
     }
-    for (enable, reset) in [
-        (&rcc_model::GPIOJEN, &rcc_model::GPIOJRST),
-        (&rcc_model::GPIOKEN, &rcc_model::GPIOKRST),
-    ] {
+    for (enable, reset) in
+        [(&rcc_model::GPIOJEN, &rcc_model::GPIOJRST), (&rcc_model::GPIOKEN, &rcc_model::GPIOKRST)]
+    {
         bus = bus.declare("RCC", "AHB1ENR", enable).declare("RCC", "AHB1RSTR", reset);
     }
     for (instance, name, enable, reset) in clocks::GATES {
@@ -282,7 +281,8 @@ impl Stm32f407 {
             2 => read(One::Ccr3, Two::Ccr3, Nine::Ccr1),
             _ => read(One::Ccr4, Two::Ccr4, Nine::Ccr1),
         } as f64;
-        let (top, prescaler) = (read(One::Arr, Two::Arr, Nine::Arr), read(One::Psc, Two::Psc, Nine::Psc));
+        let (top, prescaler) =
+            (read(One::Arr, Two::Arr, Nine::Arr), read(One::Psc, Two::Psc, Nine::Psc));
         let is_pwm = modes >> (8 * (index % 2)) & 0x70 == 0x60;
         let is_output = matches!(output.timer, Timer::Tim3 | Timer::Tim12)
             || bdtr::MOE.is_set(registers.get(One::Bdtr));
@@ -306,6 +306,19 @@ impl Stm32f407 {
                 timer.drive_input(channel, level, registers, context);
             }
         });
+    }
+
+    /// The PWM of TIM1 and TIM8 as it was when they were last touched.
+    pub fn waveforms(&self) -> [timers::Waveform; 2] {
+        self.waveforms.each_ref().map(|shared| shared.lock().unwrap().clone())
+    }
+
+    /// One update's DMA request of TIM8 more than its counter makes.
+    pub fn request_once_more(&mut self, now: VirtualNanos) {
+        let slot = self.slots[3];
+        let mut context = self.part.bus_mut().drive(now, slot).1;
+        context.request(UPDATE, Level::High);
+        context.request(UPDATE, Level::Low);
     }
 
     /// Asks for a stop at `at`.

@@ -66,6 +66,8 @@ pub struct Pwm {
     pulses: u64,
     updates: u64,
     hz: u64,
+    /// So many of its update requests are lost from now on, as a bus that is busy for too long would.
+    pub lost_updates: u32,
 }
 
 impl Pwm {
@@ -73,7 +75,16 @@ impl Pwm {
     pub fn new(master: Option<&'static str>, waveform: Shared) -> Self {
         let inner = Tim::with_clock(RESET_HZ, Counter::Narrow);
         *waveform.lock().unwrap() = Waveform::default();
-        Self { inner, master, waveform, level: Level::Low, pulses: 0, updates: 0, hz: RESET_HZ }
+        Self {
+            inner,
+            master,
+            waveform,
+            level: Level::Low,
+            pulses: 0,
+            updates: 0,
+            hz: RESET_HZ,
+            lost_updates: 0,
+        }
     }
 
     /// Tells others what has come of a call.
@@ -90,8 +101,13 @@ impl Pwm {
         let updates = self.inner.dma_requests().update;
         if updates != self.updates {
             self.updates = updates;
-            context.request(UPDATE, Level::High);
-            context.request(UPDATE, Level::Low);
+            match self.lost_updates.checked_sub(1) {
+                Some(left) => self.lost_updates = left,
+                None => {
+                    context.request(UPDATE, Level::High);
+                    context.request(UPDATE, Level::Low);
+                }
+            }
         }
         *self.waveform.lock().unwrap() = self.waveform(registers, context);
     }
@@ -105,7 +121,8 @@ impl Pwm {
         }
         let now = context.now();
         let count = Device::peek(&self.inner, R::Cnt, registers, now).unwrap_or(0);
-        let down = cr1::DIR.is_set(Device::peek(&self.inner, R::Cr1, registers, now).unwrap_or(control));
+        let down =
+            cr1::DIR.is_set(Device::peek(&self.inner, R::Cr1, registers, now).unwrap_or(control));
         let (top, centred) = (registers.get(R::Arr), cr1::CMS.get(control) != 0);
         let tick = 1e9 * (registers.get(R::Psc) + 1) as f64 / self.hz as f64;
         let period = if centred { 2 * top } else { top + 1 };

@@ -1,0 +1,135 @@
+//! The scan of the analogue inputs: every address, from every beginning, undisturbed by the bridges.
+
+use chip::bench::pms5005::Host;
+use protocol::pms5005::Quantity;
+use rigless::mcu::Operate;
+use rigless::soc::Width;
+
+const IMAGE: &str = "pms5005-f407";
+
+/// DMA2 stream 0, which carries the samples: its control register.
+const SAMPLING: u64 = 0x4002_6410;
+
+/// Counts of 12 bits for what stands on an input in this test, 60 mV apart.
+fn put(multiplexer: usize, address: usize) -> f64 {
+    60.0 + 60.0 * (16 * multiplexer + address) as f64
+}
+
+/// A board whose 48 inputs have a voltage each.
+fn board() -> Host {
+    let host = Host::boot(IMAGE);
+    host.bench.with(|stand| {
+        let world = &mut stand.rig().world;
+        world.is_analog = false;
+        for (multiplexer, address) in (0..48).map(|n| (n / 16, n % 16)) {
+            world.voltages.put(multiplexer, address, Some(put(multiplexer, address)));
+        }
+    });
+    host
+}
+
+/// The samples as they are in memory, by multiplexer and address: of each address B, A, C, B again.
+fn samples(host: &Host) -> [[u16; 16]; 3] {
+    let at = host.bench.symbol("6analog7SAMPLES");
+    host.bench.with(move |stand| {
+        let mut read = |n: usize| stand.host.read(at + 2 * n as u64, Width::W16).unwrap() as u16;
+        [1, 0, 2].map(|place| std::array::from_fn(|address| read(4 * address + place)))
+    })
+}
+
+/// Each of the 48 carries what is on its own pin.
+fn assert_in_place(host: &Host, when: &str) {
+    for (multiplexer, row) in samples(host).into_iter().enumerate() {
+        for (address, sample) in row.into_iter().enumerate() {
+            let wanted = put(multiplexer, address) * 4096.0 / 3300.0;
+            let off = (f64::from(sample) - wanted).abs();
+            assert!(off <= 3.0, "{when}: {multiplexer}.{address} is {sample}, not {wanted:.0}");
+        }
+    }
+}
+
+#[test]
+fn each_of_48_addresses_carries_what_is_on_its_pin() {
+    let mut host = board();
+    host.run_for(3);
+    assert_in_place(&host, "after the start");
+}
+
+#[test]
+fn an_open_input_keeps_what_was_sampled_before_it() {
+    let mut host = board();
+    host.bench.with(|stand| stand.rig().world.voltages.put(2, 9, None));
+    host.run_for(3);
+    let [_, _, c] = samples(&host);
+    assert!(c[9].abs_diff(c[8]) <= 2, "{c:?}");
+}
+
+#[test]
+fn a_scan_that_was_stopped_begins_again_in_its_place() {
+    let mut host = board();
+    // Whatever it was that stopped the samples' stream: the converter overruns.
+    host.bench.with(|stand| {
+        let now = stand.now;
+        let chip = &mut stand.rig().chip;
+        let control = Operate::read(chip, now, SAMPLING, Width::W32).unwrap();
+        Operate::write(chip, now, SAMPLING, Width::W32, control & !1).unwrap();
+    });
+    host.run_for(6);
+    assert_in_place(&host, "after an overrun");
+}
+
+#[test]
+fn one_timer_request_too_many_or_too_few_is_noticed_within_a_period() {
+    let mut host = board();
+    host.run_for(3);
+    host.bench.with(|stand| {
+        let now = stand.now;
+        stand.rig().chip.request_once_more(now);
+    });
+    // A control period until it is seen, and a scan until all are new.
+    host.run_for(3);
+    assert_in_place(&host, "after one request too many");
+    host.bench.with(|stand| stand.rig().chip.tim8.lost_updates = 1);
+    host.run_for(4);
+    assert_in_place(&host, "after one request too few");
+}
+
+/// How far TIM8's period begins behind TIM1's, in ns, from 0 to a period.
+fn phase(host: &Host) -> f64 {
+    let [one, eight] = host.bench.with(|stand| stand.rig().chip.waveforms());
+    assert!((one.period_ns - 50_000.0).abs() < 20.0 && one.period_ns == eight.period_ns);
+    (eight.zero_ns - one.zero_ns).rem_euclid(one.period_ns)
+}
+
+#[test]
+fn both_bridge_timers_keep_their_phase_through_a_restart_of_the_scan() {
+    let mut host = board();
+    host.go(Quantity::Pwm, [Some(20_000); 6]);
+    let before = phase(&host);
+    assert!(before.min(50_000.0 - before) < 100.0, "{before} ns behind");
+    host.bench.with(|stand| {
+        let now = stand.now;
+        Operate::write(&mut stand.rig().chip, now, SAMPLING, Width::W32, 0).unwrap();
+    });
+    host.run_for(5);
+    host.go(Quantity::Pwm, [Some(21_000); 6]);
+    let after = phase(&host);
+    assert!((after - before).abs() < 20.0, "{before} ns before, {after} after");
+}
+
+#[test]
+fn currents_are_clean_from_10_to_90_percent_of_duty() {
+    let mut host = board();
+    // Compare values are half the period and half the duty: 10 to 90 % high.
+    for percent in (10..=90).step_by(5) {
+        let duty = (percent * 32_768 / 100) as i16;
+        host.go(Quantity::Pwm, [Some(duty); 6]);
+        host.run_for(5);
+        let currents = host.motors().currents;
+        for (channel, told) in currents.into_iter().enumerate() {
+            let wanted = put(1, channel) * 4096.0 / 3300.0;
+            let off = (f64::from(told) - wanted).abs();
+            assert!(off <= 3.0, "{percent} %: current {channel} is {told}, not {wanted:.0}");
+        }
+    }
+}
