@@ -24,8 +24,9 @@
 //! first is away from all six lines' while each of them is high for 9 % of the period or more, or never.
 //!
 //! Two streams step side by side. A sample that the DMA is too late for sets the ADC's overrun flag,
-//! which stops its requests; a bus error stops a stream. [`Analog::check`] looks for both once a
-//! control period and starts the two anew, together. The addresses lie in RAM as the samples do, since flash that is erased answers nobody. TIM8
+//! which stops its requests; a bus error stops a stream; a request too many or too few puts the
+//! two out of step. [`Analog::check`] looks for all three once a control period and starts the two anew,
+//! together. The addresses lie in RAM as the samples do, since flash that is erased answers nobody. TIM8
 //! never stops for it.
 //!
 //! ADC1, TIM8 and DMA2's streams 0 and 1 are the chip's choice more than ours: of the timers that
@@ -101,6 +102,8 @@ const SECOND: Range<u16> = 2792..3112;
 const _: () = assert!(SECOND.end < PWM_TOP && START.end < PWM_TOP);
 /// From an edge of a PWM line until the bridge has followed and a current's signal is quiet again: 2 us.
 const SETTLING: u16 = 336;
+/// Behind the first sample of a period, which is ready at 296, and before the second, at 1544.
+const MIDDLE: u16 = 1000;
 
 /// The two samples of a current in a period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -245,14 +248,41 @@ impl Analog {
         }
     }
 
-    /// Starts the scan anew if it has stopped. Called once a control period.
+    /// Starts the scan anew if it has stopped or slipped. Called once a control period.
     pub fn check(&mut self) {
         let overrun = ADC1.sr().read().ovr();
         let failed = [&self.select, &self.sample].map(Round::failed).contains(&true);
-        if overrun || failed {
+        if overrun || failed || self.has_slipped() {
             self.restarts = self.restarts.wrapping_add(1);
             defmt::warn!("analogue scan: {} restarts (overrun: {})", self.restarts, overrun);
             self.start();
+        }
+    }
+
+    /// Whether addresses and samples are out of step. A look while one of them steps may be wrong;
+    /// steps are 1.7 us apart at least, and so not all of three looks are.
+    fn has_slipped(&self) -> bool {
+        (0..3).all(|_| !critical_section::with(|_| self.is_in_step()))
+    }
+
+    /// Whether the streams are where the counter says.
+    fn is_in_step(&self) -> bool {
+        let words = done(WORDS, self.select.stream);
+        let sampled = done(SAMPLES.len(), self.sample.stream);
+        if (words, sampled) == (0, 0) {
+            return true; // about to begin, or at the end of the scan
+        }
+        let (is_down, count) = (is_counting_down(), TIM8.cnt().read().cnt());
+        if is_down != (words % 2 == 1) {
+            return false; // a request of the timer has been lost, or was one too many
+        }
+        // Samples of the newest address; a multiple of them, if it has slipped, on either side.
+        let before = (words + WORDS - 1) / 2 % ADDRESSES * CONVERSIONS;
+        let of_address = (sampled + SAMPLES.len() - before) % SAMPLES.len();
+        match (is_down, count < MIDDLE) {
+            (true, _) => of_address == 0,
+            (false, true) => of_address < CONVERSIONS,
+            (false, false) => (1..=CONVERSIONS).contains(&of_address),
         }
     }
 
@@ -281,4 +311,9 @@ impl Analog {
 /// Which way TIM8 counts.
 fn is_counting_down() -> bool {
     TIM8.cr1().read().dir() == Count::DOWN
+}
+
+/// How many of a buffer's items a stream has done in this round.
+fn done(items: usize, stream: Stream) -> usize {
+    (items - usize::from(stream.remaining()).min(items)) % items
 }
