@@ -33,7 +33,7 @@ use super::analog::{self, Addresses};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::flash::Flash;
-use super::sensing::{Ranger, Remote};
+use super::sensing::{Ranger, Remote, RemoteEdge};
 use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
@@ -73,7 +73,7 @@ bind_interrupts!(pub(super) struct Irqs {
     EXTI1 => exti::InterruptHandler<typelevel::EXTI1>;
     EXTI4 => exti::InterruptHandler<typelevel::EXTI4>;
     EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
-    EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
+    EXTI15_10 => RemoteEdge<13>, exti::InterruptHandler<typelevel::EXTI15_10>;
     USART2 => line::InterruptHandler<USART2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
