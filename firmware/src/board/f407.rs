@@ -17,6 +17,8 @@
 //!
 //! Promise: the enable lines are driven low before any timer runs.
 
+use core::mem::forget;
+
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
@@ -126,6 +128,8 @@ pub fn start(baud: u32) -> Board {
     DRIVES.bridges[5].claim::<TIM8, Ch2>(p.PC7);
     claim_servos!(p);
     DRIVES.outputs.claim(outputs!(p), Speed::Low);
+    // Deselects the accelerometer of an STM32F4DISCOVERY, whose data output is PA6: a trigger.
+    forget(Output::new(p.PE3, Level::High, Speed::Low));
     let motion = Motion::new(
         &DRIVES,
         analog!(p, [PB10, PB11, PB12, PB13]),
