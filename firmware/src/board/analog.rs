@@ -143,7 +143,8 @@ fn samples<const N: usize>(conversion: usize, first: usize) -> [u16; N] {
 /// Where the scan is started: while the counter goes up, OC4REF being low again, with time to do it
 /// before the top. It is 28 us away at the most.
 const START: Range<u16> = 200..4000;
-/// How often the counter is looked at for that. A look takes 20 cycles or more, 400 of them 48 us.
+/// How often the counter is looked at for that, at the most. A look takes 20 cycles or more, 400 of them
+/// 48 us; a timer that stands still holds nobody up.
 const LOOKS: u32 = 400;
 
 /// The scan.
@@ -226,10 +227,11 @@ impl Analog {
             self.select.start();
             self.sample.start();
         }
-        for _ in 0..LOOKS {
+        for look in 1..=LOOKS {
             let is_started = critical_section::with(|_| {
                 let is_place = !is_counting_down() && START.contains(&TIM8.cnt().read().cnt());
-                if is_place {
+                let starts = is_place || look == LOOKS;
+                if starts {
                     // The trigger is 25 us away: the ADC needs 3 us to wake.
                     ADC1.cr2().write(|w| {
                         w.set_adon(true);
@@ -240,7 +242,7 @@ impl Analog {
                     });
                     TIM8.dier().modify(|w| w.set_ude(true));
                 }
-                is_place
+                starts
             });
             if is_started {
                 break;
@@ -276,7 +278,7 @@ impl Analog {
         if is_down != (words % 2 == 1) {
             return false; // a request of the timer has been lost, or was one too many
         }
-        // Samples of the newest address; a multiple of them, if it has slipped, on either side.
+        // So many samples are there of the newest address, 0 to 4. After a slip it is four more or less.
         let before = (words + WORDS - 1) / 2 % ADDRESSES * CONVERSIONS;
         let of_address = (sampled + SAMPLES.len() - before) % SAMPLES.len();
         match (is_down, count < MIDDLE) {
