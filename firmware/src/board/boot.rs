@@ -1,8 +1,9 @@
-//! How every board begins: the clock tree, and why it was reset.
+//! How every board begins: the stack's guard, the clock tree, and why it was reset.
 //!
 //! All boards run at 168 MHz, which every STM32F405 to F479 can; the constants of the other parts
 //! rely on it.
 
+use super::fault;
 #[cfg(feature = "qemu")]
 use super::systick;
 use crate::ports::ResetCause;
@@ -16,6 +17,7 @@ pub const APB1_TIMER_HZ: u32 = 84_000_000;
 
 /// Starts the clocks from a crystal or a clock of whole MHz: 168 MHz, APB1 42 MHz, APB2 84 MHz.
 pub fn clocks(hse: Hse) -> Peripherals {
+    fault::guard_stack();
     let mut config = embassy_stm32::Config::default();
     config.rcc.hse = Some(hse);
     config.rcc.pll_src = rcc::PllSource::HSE;

@@ -15,9 +15,10 @@
 //! - A byte lost all the same is an error once. One that was damaged is handed over as it was
 //!   read: echo and checksum judge it, and an error would cost the bus a millisecond.
 //!
-//! Deadlines: the interrupt comes twice in 10 us at the most, with some 120 instructions each, and
-//! must come within 10 us of a byte or the next one is lost. In its way are embassy's clock and the
-//! PC's line, an estimated 3 us. As much later than TC may the direction change; a servo with a
+//! Deadlines: the interrupt comes twice in 10 us at the most, with some 120 instructions each, 1 us
+//! out of the flash's cache and twice that past it, and must come within 10 us of a byte or the next one
+//! is lost. In its way are embassy's clock and the PC's line, an estimated 2 us (3 past the
+//! cache). As much later than TC may the direction change; a servo with a
 //! return delay of 1 answers 2 us after TC, but a real AX-12 takes 22 us more (facts).
 
 use core::sync::atomic::{AtomicBool, Ordering};

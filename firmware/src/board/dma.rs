@@ -44,13 +44,12 @@ impl Stream {
     }
 
     /// Items to go until the buffer's end.
-    #[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
     pub fn remaining(self) -> u16 {
         self.dma.st(self.number).ndtr().read().ndt()
     }
 
     /// Whether the stream has come to its buffer's end since the flags were last cleared.
-    #[cfg(not(feature = "qemu"))] // as above
+    #[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
     pub fn came_round(self) -> bool {
         self.dma.isr(self.number / 4).read().tcif(self.number % 4)
     }

@@ -1,7 +1,13 @@
 //! What a board drives, told by registers and pin numbers alone: bridges, servos, output port.
 //!
-//! Vocabulary: a *compare value* is what a timer compares its counter with: the length of the
-//! high part of a PWM period, in timer ticks. A *stage* is how a bridge wants to be told its duty.
+//! Vocabulary: a *compare value* is what a timer compares its counter with, in timer ticks: half the
+//! length of the high part of a bridge's PWM period, the length of a servo's pulse. A *stage* is how
+//! a bridge wants to be told its duty.
+//!
+//! The bridges' timers count up and down, so that the high part of every period lies around the
+//! counter's *bottom*, 0, and the low part around its *top*, whatever the duty. All counters are at the
+//! bottom together: TIM1 starts TIM8, and nothing stops either. So what is sampled at one
+//! place of the period (`analog`) keeps its distance from the edges of all six lines.
 //!
 //! A board has one [`Drives`], a constant in flash. It needs no initialisation and no stack to
 //! speak of, so [`Drives::make_safe`] works from a panic or a hard fault, whenever that comes.
@@ -13,7 +19,7 @@ use core::mem::forget;
 use embassy_stm32::gpio::{AfType, AnyPin, Flex, Level, Output, OutputType, Pin, Speed};
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::regs::Bsrr;
-use embassy_stm32::pac::timer::vals::Ocm;
+use embassy_stm32::pac::timer::vals::{Cms, Mms, Ocm, Sms, Ts};
 use embassy_stm32::pac::timer::{Tim2ch, TimAdv, TimGp16};
 use embassy_stm32::peripherals::{TIM1, TIM3, TIM8, TIM12};
 use embassy_stm32::rcc::enable_and_reset;
@@ -37,13 +43,13 @@ impl Stage {
     /// The compare value for a duty.
     pub const fn compare(self, duty: Duty) -> u16 {
         const FULL: i32 = Duty::FULL as i32;
-        const PERIOD: u32 = PWM_PERIOD as u32;
+        const TOP: u32 = PWM_TOP as u32;
         let raw = duty.raw() as i32;
-        // 32768 * 8400 fits 32 bits; a Duty is within -FULL..=FULL, so the sum is not negative and
-        // the result is no more than the period.
+        // 32768 * 4200 fits 32 bits; a Duty is within -FULL..=FULL, so the sum is not negative and
+        // the result is no more than the top, at which the line is high all the time.
         match self {
-            Self::LockedAntiPhase => ((FULL + raw) as u32 * PERIOD / (2 * FULL as u32)) as u16,
-            Self::SignMagnitude => (raw.unsigned_abs() * PERIOD / FULL as u32) as u16,
+            Self::LockedAntiPhase => ((FULL + raw) as u32 * TOP / (2 * FULL as u32)) as u16,
+            Self::SignMagnitude => (raw.unsigned_abs() * TOP / FULL as u32) as u16,
         }
     }
 
@@ -53,8 +59,9 @@ impl Stage {
     }
 }
 
-/// The bridges' timers are APB2's (TIM1, TIM8) and count at 168 MHz: 8400 ticks are 20 kHz.
-const PWM_PERIOD: u16 = 8400;
+/// Where the counters of the bridges' timers turn. They are APB2's (TIM1, TIM8) and count at 168 MHz:
+/// 4200 ticks up and 4200 down are 20 kHz.
+pub(super) const PWM_TOP: u16 = 4200;
 
 /// Servo timers count at 3 MHz: a third finer than the protocol's 1/2250 ms, 4 ticks for 3 of its
 /// counts, and 20 ms are 60000 ticks, which fit 16 bits.
@@ -150,31 +157,28 @@ impl Pulse {
         Self { timer: unsafe { TimGp16::from_ptr(timer.as_ptr()) }, channel }
     }
 
-    /// A compare value takes effect with the next period.
+    /// A compare value takes effect with the next period, a bridge's where its counter turns next.
     pub fn set(self, compare: u16) {
         self.timer.ccr(self.channel).write(|w| w.set_ccr(compare));
     }
 
-    /// PWM with a first compare value, not running yet.
-    fn prepare(self, prescaler: u16, period: u16, compare: u16) {
+    /// PWM with a first compare value, not running yet. The counter turns, or begins anew, after `top`.
+    fn prepare(self, prescaler: u16, alignment: Cms, top: u16, compare: u16) {
         let Self { timer, channel } = self;
+        timer.cr1().modify(|w| {
+            w.set_cms(alignment);
+            w.set_arpe(true);
+        });
         timer.psc().write_value(prescaler - 1);
-        timer.arr().write(|w| w.set_arr(period - 1));
+        timer.arr().write(|w| w.set_arr(top));
         timer.ccmr_output(channel / 2).modify(|w| {
             w.set_ocm(channel % 2, Ocm::PWM_MODE1);
             w.set_ocpe(channel % 2, true);
         });
         self.set(compare);
         timer.ccer().modify(|w| w.set_cce(channel, true));
-    }
-
-    /// Starts the timer; again for each of its channels, which does no harm.
-    fn run(self) {
-        self.timer.egr().write(|w| w.set_ug(true));
-        self.timer.cr1().modify(|w| {
-            w.set_arpe(true);
-            w.set_cen(true);
-        });
+        // Takes all of it over; again for each channel of a timer, which does no harm.
+        timer.egr().write(|w| w.set_ug(true));
     }
 
     /// Gives the channel its pin for ever, if the chip can.
@@ -236,17 +240,22 @@ impl Drives {
         enable_and_reset::<TIM8>();
         enable_and_reset::<TIM3>();
         enable_and_reset::<TIM12>();
+        let neutral = self.stage.compare(Duty::NEUTRAL);
         for bridge in self.bridges {
-            bridge.prepare(1, PWM_PERIOD, self.stage.compare(Duty::NEUTRAL));
+            bridge.prepare(1, Cms::CENTER_ALIGNED1, PWM_TOP, neutral);
         }
         for servo in self.servos {
-            servo.prepare(SERVO_PRESCALER, SERVO_PERIOD, 0);
-        }
-        for pulse in self.bridges.iter().chain(self.servos) {
-            pulse.run();
+            servo.prepare(SERVO_PRESCALER, Cms::EDGE_ALIGNED, SERVO_PERIOD - 1, 0);
+            servo.timer.cr1().modify(|w| w.set_cen(true));
         }
         pac::TIM1.bdtr().modify(|w| w.set_moe(true));
         pac::TIM8.bdtr().modify(|w| w.set_moe(true));
+        // ITR0 of TIM8 is TIM1's trigger output (RM0090 table 97), which is its enable bit here. TIM8
+        // follows within some ticks, always the same.
+        pac::TIM8.smcr().write(|w| w.set_ts(Ts::ITR0));
+        pac::TIM8.smcr().modify(|w| w.set_sms(Sms::TRIGGER_MODE));
+        pac::TIM1.cr2().modify(|w| w.set_mms(Mms::ENABLE));
+        pac::TIM1.cr1().modify(|w| w.set_cen(true));
     }
 }
 

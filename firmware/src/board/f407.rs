@@ -17,6 +17,8 @@
 //!
 //! Promise: the enable lines are driven low before any timer runs.
 
+use core::mem::forget;
+
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
@@ -33,7 +35,7 @@ use super::analog::{self, Addresses};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::flash::Flash;
-use super::sensing::{Ranger, Remote};
+use super::sensing::{Ranger, Remote, RemoteEdge};
 use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
@@ -73,7 +75,7 @@ bind_interrupts!(pub(super) struct Irqs {
     EXTI1 => exti::InterruptHandler<typelevel::EXTI1>;
     EXTI4 => exti::InterruptHandler<typelevel::EXTI4>;
     EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
-    EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
+    EXTI15_10 => RemoteEdge<13>, exti::InterruptHandler<typelevel::EXTI15_10>;
     USART2 => line::InterruptHandler<USART2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
@@ -126,6 +128,8 @@ pub fn start(baud: u32) -> Board {
     DRIVES.bridges[5].claim::<TIM8, Ch2>(p.PC7);
     claim_servos!(p);
     DRIVES.outputs.claim(outputs!(p), Speed::Low);
+    // Deselects the accelerometer of an STM32F4DISCOVERY, whose data output is PA6: a trigger.
+    forget(Output::new(p.PE3, Level::High, Speed::Low));
     let motion = Motion::new(
         &DRIVES,
         analog!(p, [PB10, PB11, PB12, PB13]),

@@ -41,7 +41,7 @@ use super::analog::{self, Addresses};
 use super::bus::Bus;
 use super::drives::{Drives, Lines, Pulse, Stage};
 use super::flash::Flash;
-use super::sensing::{Ranger, Remote};
+use super::sensing::{Ranger, Remote, RemoteEdge};
 use super::ssd1306::{self, Ssd1306};
 use super::system::System;
 use super::watchdog::Watchdog;
@@ -79,7 +79,7 @@ static ADDRESSES: Addresses = Addresses::new(Lines { port: pac::GPIOB, pins: &[2
 
 bind_interrupts!(pub(super) struct Irqs {
     EXTI1 => exti::InterruptHandler<typelevel::EXTI1>;
-    EXTI2 => exti::InterruptHandler<typelevel::EXTI2>;
+    EXTI2 => RemoteEdge<2>, exti::InterruptHandler<typelevel::EXTI2>;
     EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
     EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
     USART2 => line::InterruptHandler<USART2>;

@@ -17,6 +17,7 @@ pub use under_qemu::{InterruptHandler, Receiver, Sender, new};
 use core::sync::atomic::AtomicBool;
 
 use embassy_stm32::Peri;
+use embassy_stm32::gpio::Pull;
 use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::usart::{Config, Instance, RxDma, RxPin, TxDma, TxPin};
 
@@ -46,10 +47,11 @@ pub struct Parts<T: Instance, Rx: RxPin<T>, Tx: TxPin<T>, RxD: RxDma<T>, TxD: Tx
     pub tx_dma: Peri<'static, TxD>,
 }
 
-/// 8N1 is embassy's default.
+/// 8N1 is embassy's default. The pull-up keeps a line without a host at rest.
 fn config(baud: u32) -> Config {
     let mut config = Config::default();
     config.baudrate = baud;
+    config.rx_pull = Pull::Up;
     config
 }
 

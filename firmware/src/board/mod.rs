@@ -103,7 +103,13 @@ macro_rules! encoders {
 /// The display on its bus.
 macro_rules! display {
     ($p:ident) => {
-        Ssd1306::new(I2c::new_blocking($p.I2C1, $p.PB8, $p.PB9, ssd1306::bus_config()))
+        Ssd1306::new(
+            I2c::new_blocking($p.I2C1, $p.PB8, $p.PB9, ssd1306::bus_config()),
+            ssd1306::Wires {
+                registers: embassy_stm32::pac::I2C1,
+                lines: Lines { port: embassy_stm32::pac::GPIOB, pins: &[8, 9] },
+            },
+        )
     };
 }
 

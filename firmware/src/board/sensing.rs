@@ -1,15 +1,19 @@
 //! The sensors that take their time: ultrasonic rangers, infrared remote, inputs, slow A/D values.
 //!
 //! An echo is timed by the interrupt that its edge makes, on the sensing executor, above
-//! everything but control: a control period's 50 us in its way are less than a centimetre.
+//! everything but control: a control period's 50 us in its way are less than a centimetre. They are as
+//! much as the remote's decoder bears, so the time of its edges is taken above control ([`RemoteEdge`]).
 
 use core::cell::Cell;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use embassy_futures::join::join;
 use embassy_stm32::Peri;
 use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::{AnyPin, Input, Level, Output, Speed};
+use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::mode::Async;
+use embassy_stm32::pac::EXTI;
 use embassy_sync::blocking_mutex::raw::RawMutex;
 use embassy_time::{Duration, Instant, Timer, with_timeout};
 use infrared::protocol::Nec;
@@ -83,22 +87,39 @@ impl Key {
     }
 }
 
+/// When the remote's line has last changed, in us.
+static EDGE_AT: AtomicU32 = AtomicU32::new(0);
+
+/// Takes the time of the edges on the remote's EXTI line, in its interrupt, before embassy's handler
+/// clears the flag. That one is above control, and so late by some us at the most: the decoder wants a
+/// zero's 1120 us within 56, of which a remote's own clock takes its part.
+pub struct RemoteEdge<const LINE: usize>;
+
+impl<I: Interrupt, const LINE: usize> Handler<I> for RemoteEdge<LINE> {
+    unsafe fn on_interrupt() {
+        if EXTI.pr(0).read().line(LINE) && EXTI.imr(0).read().line(LINE) {
+            EDGE_AT.store(Instant::now().as_micros() as u32, Ordering::Relaxed); // the low 32 bits
+        }
+    }
+}
+
 /// The infrared receiver: a demodulator whose output is low while it sees the carrier, NEC frames.
 pub struct Remote(pub ExtiInput<'static, Async>);
 
 impl Remote {
-    /// Decodes for ever. Key codes are the two bytes of the NEC address and the command.
+    /// Decodes for ever. Edges are 560 us apart or more, so control may run between an edge and the look
+    /// at its level. Key codes are the two bytes of the NEC address and the command.
     async fn listen(&mut self, key: &Cell<Key>) {
         let mut decoder = <Nec<Nec16Command> as DecoderFactory<u32>>::decoder(1_000_000);
-        let mut last = Instant::now();
+        let mut last = 0;
         loop {
             self.0.wait_for_any_edge().await;
-            let now = Instant::now();
-            let since = u32::try_from((now - last).as_micros()).unwrap_or(u32::MAX / 2);
-            last = now;
+            let at = EDGE_AT.load(Ordering::Relaxed);
+            let since = at.wrapping_sub(last).min(u32::MAX / 2); // the decoder adds two
+            last = at;
             match ProtocolDecoder::<u32, _>::event(&mut decoder, self.0.is_low(), since) {
                 State::Done => {
-                    let until = now + HELD;
+                    let until = Instant::now() + HELD;
                     match ProtocolDecoder::<u32, Nec16Command>::command(&decoder) {
                         Some(Nec16Command { repeat: true, .. }) => {
                             key.set(Key { until, ..key.get() });

@@ -4,11 +4,16 @@
 //! significant bit on top. So a frame is three address bytes and one write of 64 bytes; there is
 //! no frame buffer. (SSD1306 datasheet 1.1, section 9.)
 
+use cortex_m::asm;
 use embassy_stm32::i2c::{Config, Error, I2c, Master};
 use embassy_stm32::mode::Blocking;
+use embassy_stm32::pac::gpio::vals::{Idr, Moder};
+use embassy_stm32::pac::i2c;
 use embassy_stm32::time::Hertz;
 use embassy_time::{Duration, Timer};
 
+use super::boot::CORE_MHZ;
+use super::drives::Lines;
 use crate::ports::LcdPort;
 
 /// The usual address, SA0 low.
@@ -45,18 +50,73 @@ pub fn bus_config() -> Config {
     config
 }
 
-/// The display. One that does not answer is set up again at the next frame.
+/// What the bus is made of, to free it by.
+pub struct Wires {
+    /// The controller's.
+    pub registers: i2c::I2c,
+    /// SCL and SDA, open drain.
+    pub lines: Lines,
+}
+
+impl Wires {
+    /// Clocks on a display that was cut off in a byte and holds SDA low, nine times at the most, and
+    /// ends that by a stop. Then the controller begins anew, since it may have seen half a transfer and
+    /// wait for its end. Takes up to 0.12 ms.
+    fn free(&self) {
+        const SCL: usize = 0;
+        const SDA: usize = 1;
+        let Self { registers, lines } = self;
+        let is_free = || {
+            let levels = lines.port.idr().read();
+            lines.pins.get(SDA).is_some_and(|&sda| levels.idr(sda.into()) == Idr::HIGH)
+        };
+        if !is_free() {
+            let make = |mode| {
+                let pins = lines.pins.iter();
+                lines.port.moder().modify(|w| pins.for_each(|&pin| w.set_moder(pin.into(), mode)));
+            };
+            let set = |line, high| {
+                lines.set(line, high);
+                asm::delay(5 * CORE_MHZ); // half a period of 100 kHz
+            };
+            lines.write(0b11);
+            make(Moder::OUTPUT);
+            for _ in 0..9 {
+                set(SCL, false);
+                set(SCL, true);
+                if is_free() {
+                    break;
+                }
+            }
+            for (line, high) in [(SCL, false), (SDA, false), (SCL, true), (SDA, true)] {
+                set(line, high);
+            }
+            make(Moder::ALTERNATE);
+        }
+        let clock = (registers.cr2().read(), registers.ccr().read(), registers.trise().read());
+        registers.cr1().write(|w| w.set_swrst(true));
+        registers.cr1().write(|_| {});
+        registers.cr2().write_value(clock.0);
+        registers.ccr().write_value(clock.1);
+        registers.trise().write_value(clock.2);
+        registers.cr1().write(|w| w.set_pe(true));
+    }
+}
+
+/// The display. One that does not answer is set up again at the next frame, on a bus that is freed
+/// first.
 pub struct Ssd1306 {
     bus: I2c<'static, Blocking, Master>,
+    wires: Wires,
     ready: bool,
 }
 
 impl Ssd1306 {
-    /// A display that has not been spoken to yet, on a bus of [`bus_config`].
+    /// A display that has not been spoken to yet, on a bus of [`bus_config`], which has these wires.
     ///
     /// The bus is polled: one call keeps the thread executor busy for 0.4 ms.
-    pub const fn new(bus: I2c<'static, Blocking, Master>) -> Self {
-        Self { bus, ready: false }
+    pub const fn new(bus: I2c<'static, Blocking, Master>, wires: Wires) -> Self {
+        Self { bus, wires, ready: false }
     }
 
     /// Sets the display up and clears it, in 30 ms: before there are pictures, or the first would
@@ -71,6 +131,7 @@ impl Ssd1306 {
     }
 
     fn set_up(&mut self) -> Result<(), Error> {
+        self.wires.free();
         self.bus.blocking_write(ADDRESS, &SET_UP)?;
         self.ready = true;
         Ok(())

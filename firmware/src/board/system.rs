@@ -57,6 +57,9 @@ fn follow_order() {
         RCC.apb2enr().modify(|w| w.set_syscfgen(true));
         RCC.apb2enr().read(); // a peripheral's clock takes two cycles to come
         SYSCFG.memrm().write(|w| w.set_mem_mode(1));
+        // SAFETY: no exception is enabled. cortex-m-rt has set it to the firmware's table, and the
+        // loader's own interrupts would end there.
+        unsafe { (*SCB::PTR).vtor.write(LOADER as u32) };
         asm::dsb();
         asm::isb();
         // SAFETY: the ROM's stack pointer and entry; no interrupt is enabled, nothing is needed
