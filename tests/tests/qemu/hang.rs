@@ -102,7 +102,7 @@ fn control_that_is_slow_for_30_ms_goes_on() {
 
     // Nothing was switched off, commands are obeyed, and the watchdog is fed.
     machine.order(go(Quantity::Pwm, first_and_fifth(8192, 24_576)));
-    machine.written("timer[1]", CCR1, 2100);
+    machine.written("timer[1]", CCR1, 1050);
     assert!(!machine.values("timer[1]", CCR1).contains(&NEUTRAL));
     assert!(!machine.values("GPIOD", BSRR).contains(&0xFF00_0000));
     machine.forget();

@@ -50,8 +50,8 @@ const USUAL: u32 = 204;
 /// QEMU's name for what is at the watchdog's address.
 const IWDG: &str = "I2S2ext";
 
-/// Locked anti-phase: stop is half of 8400 ticks.
-const NEUTRAL: u32 = 4200;
+/// Locked anti-phase: stop is half of 4200 ticks.
+const NEUTRAL: u32 = 2100;
 
 fn go(quantity: Quantity, targets: [Option<i16>; CHANNELS]) -> Command<'static> {
     Command::Move(Move { quantity, addressing: Addressing::List, targets, periods: 0 })
@@ -83,7 +83,7 @@ fn set_everything_going(machine: &mut Machine) {
     machine.order(go(Quantity::Pwm, [Some(24_576); CHANNELS]));
     machine.order(go(Quantity::Servo, [Some(3375); CHANNELS]));
     machine.order(Command::GpioOutputs(0xFF));
-    machine.written("timer[8]", CCR1 + 4, 6300);
+    machine.written("timer[8]", CCR1 + 4, 3150);
     machine.written("timer[12]", CCR1 + 4, 4500);
 }
 
@@ -102,13 +102,13 @@ fn the_image_acknowledges_streams_and_drives_its_registers() {
     assert_eq!(sonar, [255; 6], "no echo line ever rises");
     machine.order(Command::Ping);
 
-    // PWM. 24576 is half forward: (1 + 1/2) / 2 of 8400; 8192 is half reverse.
+    // PWM. 24576 is half forward: (1 + 1/2) / 2 of 4200; 8192 is half reverse.
     machine.forget();
     machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    let compare = machine.written("timer[1]", CCR1, 6300);
+    let compare = machine.written("timer[1]", CCR1, 3150);
     let enable = machine.written("GPIOE", BSRR, 1 << 2);
     assert!(compare < enable, "a bridge is enabled last");
-    machine.written("timer[8]", CCR1, 2100);
+    machine.written("timer[8]", CCR1, 1050);
     machine.written("GPIOE", BSRR, 1 << 7);
     assert!(!machine.is_written("timer[1]", CCR1 + 4), "channel 1 is left alone");
 
@@ -184,7 +184,7 @@ fn a_log_that_nobody_reads_stops_nothing_though_the_probe_asks_it_to_block() {
     let control_block = gdb::symbol(&image(IMAGE), "_SEGGER_RTT");
     let mut machine = Machine::boot("log", IMAGE, &SLOWLY);
     machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    machine.written("timer[1]", CCR1, 6300);
+    machine.written("timer[1]", CCR1, 3150);
     let before = settings::health(&mut machine);
     machine.forget();
 
@@ -208,7 +208,7 @@ fn a_log_that_nobody_reads_stops_nothing_though_the_probe_asks_it_to_block() {
     assert!(after.uptime_ms > before.uptime_ms);
     assert!(!machine.values("timer[1]", CCR1).contains(&NEUTRAL), "channel 0 has stopped");
     machine.order(go(Quantity::Pwm, first_and_fifth(8192, 24_576)));
-    machine.written("timer[1]", CCR1, 2100);
+    machine.written("timer[1]", CCR1, 1050);
 }
 
 #[test]

@@ -179,7 +179,7 @@ fn saved_settings_are_in_force_after_a_reboot() {
     // The controller has them too: it stops what moves after 300 ms of silence, not after 2 s. The
     // board's own time is told by its telemetry, every 20 ms.
     machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    machine.written("timer[1]", CCR1, 6300);
+    machine.written("timer[1]", CCR1, 3150);
     machine.forget();
     let mut reports = 0;
     while !machine.values("timer[1]", CCR1).contains(&NEUTRAL) {
@@ -253,7 +253,7 @@ fn a_flash_that_takes_nothing_is_told_and_only_the_settings_sectors_are_tried() 
     // It lives on, and the watchdog becomes as short as it was.
     machine.forget();
     machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    machine.written("timer[1]", CCR1, 6300);
+    machine.written("timer[1]", CCR1, 3150);
     machine.written(IWDG, RLR, USUAL);
     machine.written(IWDG, KR, 0xAAAA);
     assert!(!machine.values(IWDG, RLR).contains(&ERASING));
