@@ -56,12 +56,17 @@ pub struct Make {
     pub servos: ServoBus,
     /// The part's `DBGMCU_IDCODE`.
     pub identity: u64,
+    /// What the maker put into system memory at 0x1FFF_0000: vectors first.
+    pub loader: Vec<u8>,
+    /// How many bits a display cut off in a byte still waits for, holding its data line low.
+    pub stuck_bits: u32,
 }
 
 impl Default for Make {
     fn default() -> Self {
         let servos = ServoBus::new(Default::default(), []);
-        Self { scene: Scene::default(), servos, identity: REVISION_Z }
+        let scene = Scene::default();
+        Self { scene, servos, identity: REVISION_Z, loader: Vec::new(), stuck_bits: 0 }
     }
 }
 
@@ -261,7 +266,8 @@ impl Bench {
         let voltages = front.voltages.clone();
         let (line, display) = (Line::default(), Display::default());
         let servos = Servos::new(make.servos);
-        let world = World::new(make.scene, wiring, voltages, servos.clone());
+        let mut world = World::new(make.scene, wiring, voltages, servos.clone());
+        world.stuck_bits = make.stuck_bits;
         let chip = Stm32f407::new(make.identity, 3300, waveforms, Box::new(front), world::COMMON);
         let mut chip = chip.expect("the part's description is right");
         chip.part.usart[1].attach(line.clone());
@@ -272,7 +278,11 @@ impl Bench {
         let (stopped, from_run) = channel();
         let thread = std::thread::spawn(move || {
             let session = Session::new(Box::new(rig), 0, VirtualNanos(1)).expect("a target");
-            let images = [image];
+            let mut images = vec![image];
+            if !make.loader.is_empty() {
+                let loader = Image::new(Path::new("loader"), make.loader, Some(0x1FFF_0000));
+                images.push(loader.expect("it is placed as it is"));
+            }
             let runner = Runner {
                 orders: from_test,
                 stopped,

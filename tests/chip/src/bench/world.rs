@@ -113,6 +113,9 @@ pub static F446: Wiring = Wiring {
 const ENCODERS: [(Line, Line, u8, usize); 2] = [((A, 15), (B, 3), 1, 0), ((B, 6), (B, 7), 2, 2)];
 /// ADC1's inputs behind multiplexers A, B and C on both boards: PC1, PC2, PC4.
 pub const COMMON: &[u8] = &[11, 12, 14];
+/// The display's clock and data.
+const SCL: Line = (B, 8);
+const SDA: Line = (B, 9);
 /// The servo bus's direction line, in the CM-5's image.
 pub const DIRECTION: Line = (C, 8);
 
@@ -161,6 +164,8 @@ pub struct World {
     pub enabled: Vec<(u64, usize, bool)>,
     /// What the direction line of the servo bus was at, when it changed: ns, level.
     pub turned: Vec<(u64, bool)>,
+    /// How many bits the display still waits for, holding its data line low until it has them.
+    pub stuck_bits: u32,
     servos: Servos,
     edges: BinaryHeap<Edge>,
     driven: BTreeMap<Line, bool>,
@@ -197,6 +202,7 @@ impl World {
             voltages,
             enabled: Vec::new(),
             turned: Vec::new(),
+            stuck_bits: 0,
             servos,
             edges: BinaryHeap::new(),
             driven,
@@ -220,15 +226,16 @@ impl World {
     }
 
     /// A key of the infrared remote: an NEC frame that begins at `ns` (9 ms mark, 4.5 ms space, 32
-    /// bits of 560 us mark and 560 or 1690 us space, the last mark), with a 16 bit address.
-    pub fn press(&mut self, ns: u64, address: u16, command: u8) {
+    /// bits of 560 us mark and 560 or 1690 us space, the last mark), with a 16 bit address, each part of it
+    /// `percent` as long.
+    pub fn press(&mut self, ns: u64, address: u16, command: u8, percent: u64) {
         let word = u32::from(address) | u32::from(command) << 16 | u32::from(!command) << 24;
         let (port, pin) = self.wiring.remote;
         let mut at = ns;
         let mut mark = |mark_us: u64, space_us: u64| {
             self.edges.push(Reverse((at, port, pin, false)));
-            self.edges.push(Reverse((at + 1000 * mark_us, port, pin, true)));
-            at += 1000 * (mark_us + space_us);
+            self.edges.push(Reverse((at + 10 * percent * mark_us, port, pin, true)));
+            at += 10 * percent * (mark_us + space_us);
         };
         mark(9000, 4500);
         (0..32).for_each(|bit| mark(560, if word >> bit & 1 != 0 { 1690 } else { 560 }));
@@ -238,7 +245,7 @@ impl World {
     /// The part was reset: its models have forgotten what was on its pins.
     pub fn put_again(&mut self, chip: &mut Stm32f407, now: VirtualNanos) {
         let triggers = self.wiring.rangers.iter().map(|(trigger, _)| trigger);
-        for &(port, pin) in self.wiring.enables.iter().chain([&DIRECTION]).chain(triggers) {
+        for &(port, pin) in self.wiring.enables.iter().chain([&DIRECTION, &SCL]).chain(triggers) {
             chip.exti.watch(port, pin);
         }
         for (&(port, pin), &is_high) in &self.driven {
@@ -251,6 +258,9 @@ impl World {
     pub fn step(&mut self, chip: &mut Stm32f407, now: VirtualNanos) {
         if !self.is_begun {
             self.is_begun = true;
+            // Both have their pull-ups.
+            self.driven.insert(SCL, true);
+            self.driven.insert(SDA, self.stuck_bits == 0);
             self.put_again(chip, now);
         }
         for (port, pin, level, at) in chip.exti.heard() {
@@ -260,6 +270,10 @@ impl World {
             }
             if line == DIRECTION {
                 self.turned.push((at, is_high));
+            }
+            if line == SCL && !is_high && self.stuck_bits > 0 {
+                self.stuck_bits -= 1;
+                self.drive(chip, now, SDA, self.stuck_bits == 0); // it lets go: the pull-up's
             }
             let rangers = self.wiring.rangers;
             let ranger = rangers.iter().position(|&(trigger, _)| trigger == line);

@@ -47,10 +47,14 @@ pub const RESET_HZ: u64 = 16_000_000;
 
 /// RM0090 section 2.3, tables 1 and 5: 1 MiB of flash, 64 KiB of core coupled memory, 112 and 16 KiB
 /// of SRAM in one piece.
-static MEMORY: [Region; 5] = [
+///
+/// What lies between system memory and SRAM bears any access here, though the manual gives nothing but the
+/// option bytes there: what silicon makes of it is not known, so nothing may rest on a fault of the bus.
+static MEMORY: [Region; 6] = [
     Region::flash("flash", 0x0800_0000, 1 << 20).erased_to(0xFF).programmed_by("FLASH"),
     Region::ram("ccm", 0x1000_0000, 64 << 10),
     Region::system("system", 0x1FFF_0000, 32 << 10),
+    Region::ram("below_sram", 0x1FFF_8000, 32 << 10),
     Region::ram("sram", 0x2000_0000, 128 << 10),
     Region::ram("backup_sram", 0x4002_4000, 4 << 10),
 ];
