@@ -1,8 +1,14 @@
-//! hal-mock's bus of AX-12 servos on USART6's wire. The echo is the bench's, since rigless has no half
-//! duplex: it is there while `HDSEL` stands, and without it the board hears nothing at all.
+//! hal-mock's bus of AX-12 servos on USART6's wire, and the half duplex that rigless leaves out.
 //!
-//! The board hears everything a byte's 10 us late: rigless tells of a byte at its end, and offers one
-//! at its beginning.
+//! | register or section | behaviour | source | test |
+//! |---|---|---|---|
+//! | `HDSEL` | one wire: what is sent is heard too; without it the board hears nothing at all | 30.3.10 | `cm5.rs` |
+//! | the wire | servos answer after their return delay and latency; bytes that overlap collide | hal-mock's `servo_bus` | `cm5.rs` |
+//!
+//! | left out | source | reason |
+//! |---|---|---|
+//! | the moment at which a byte is heard | | 10 us late, a byte: rigless tells of one at its end, and offers one at its beginning |
+//! | a driver that holds the wire against another | 30.3.10 | bytes collide, levels do not |
 
 use std::collections::VecDeque;
 use std::fmt;

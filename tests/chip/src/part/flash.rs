@@ -3,7 +3,7 @@
 //!
 //! | register or section | behaviour | source | test |
 //! |---|---|---|---|
-//! | `KEYR` | both keys in order open `CR`; a wrong one locks it until reset | 3.6.1 | `flash.rs` |
+//! | `KEYR` | both keys in order open `CR`; a wrong one locks it until reset, and is told | 3.6.1 | `flash.rs` |
 //! | `CR` | takes no write while it is locked; `LOCK` only sets | 3.9.7 | `flash.rs` |
 //! | programming | a store while `PG` stands ANDs into the array, 32 bits at a time with `PSIZE` 2, and takes 16 us; another width is `PGPERR` | 3.6.2, data sheet table 40 | `flash.rs` |
 //! | sector erase | `SER`, `SNB`, `STRT`: the sector's bytes are 0xFF after 250 ms for 16 KiB, 550 for 64, 1000 for 128 | 3.6.3, data sheet table 40 | `flash.rs` |
