@@ -22,7 +22,8 @@
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
 //! - `tests/qemu/`: the images in QEMU;
-//! - `cost/`: a crate of its own, what the code costs in instructions.
+//! - `cost/`: a crate of its own, what the code costs in instructions;
+//! - `chip/`: a workspace of its own, the images that are flashed on a modelled chip (`.ci/chip`).
 
 pub mod arm;
 pub mod cm5;
