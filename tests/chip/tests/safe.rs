@@ -46,9 +46,9 @@ fn off_after(host: &mut Host) -> f64 {
             break;
         }
     }
-    let last_fed = host.bench.with(move |stand| {
-        stand.feeds.iter().copied().filter(|&at| at <= fault_ns + 1_000_000).next_back()
-    });
+    let last_fed = host
+        .bench
+        .with(move |stand| stand.feeds.iter().copied().rfind(|&at| at <= fault_ns + 1_000_000));
     let off = host.bench.with(|stand| {
         let changes = &stand.rig().world.enabled;
         changes.iter().rev().find(|change| !change.2).map(|change| change.0)

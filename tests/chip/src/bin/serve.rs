@@ -12,6 +12,8 @@ use chip::bench::{Bench, image};
 
 /// How long the chip runs between two looks at the socket.
 const SLICE_MS: u64 = 1;
+/// Bytes that wait for a host that does not read; behind them it is let go.
+const OUTGOING: usize = 1 << 20;
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
@@ -47,19 +49,21 @@ fn fail(reason: &str) -> ExitCode {
 fn serve(bench: &mut Bench, listener: &TcpListener) -> std::io::Result<ExitCode> {
     listener.set_nonblocking(true)?;
     let mut host: Option<TcpStream> = None;
+    let mut outgoing = Vec::new();
     let begun = Instant::now();
     loop {
         if let Ok((stream, _)) = listener.accept() {
             stream.set_nonblocking(true)?;
             stream.set_nodelay(true)?;
             host = Some(stream);
+            outgoing.clear();
         }
         bench.run_for(SLICE_MS);
-        let heard: Vec<u8> = bench.line.heard().into_iter().map(|(_, byte)| byte).collect();
-        if let Some(stream) = &mut host
-            && !carry(stream, bench, &heard)
-        {
+        outgoing.extend(bench.line.heard().into_iter().map(|(_, byte)| byte));
+        let is_there = host.as_mut().is_some_and(|stream| carry(stream, bench, &mut outgoing));
+        if !is_there || outgoing.len() > OUTGOING {
             host = None;
+            outgoing.clear();
         }
         let ahead = Duration::from_nanos(bench.now_ns()).saturating_sub(begun.elapsed());
         std::thread::sleep(ahead);
@@ -67,7 +71,7 @@ fn serve(bench: &mut Bench, listener: &TcpListener) -> std::io::Result<ExitCode>
 }
 
 /// Whether the host is still there.
-fn carry(stream: &mut TcpStream, bench: &Bench, heard: &[u8]) -> bool {
+fn carry(stream: &mut TcpStream, bench: &Bench, outgoing: &mut Vec<u8>) -> bool {
     let mut buffer = [0; 512];
     let read = match stream.read(&mut buffer) {
         Ok(0) => return false,
@@ -76,9 +80,11 @@ fn carry(stream: &mut TcpStream, bench: &Bench, heard: &[u8]) -> bool {
         Err(_) => return false,
     };
     bench.line.send(&buffer[..read]);
-    // A host that does not read loses what its socket has no room for.
-    match stream.write(heard) {
-        Ok(_) => true,
+    match stream.write(outgoing) {
+        Ok(count) => {
+            outgoing.drain(..count);
+            true
+        }
         Err(error) => error.kind() == ErrorKind::WouldBlock,
     }
 }
