@@ -7,15 +7,15 @@ use rigless::chip::{Timeline, uart::Peer};
 use rigless::snapshot::Store;
 use rigless::time::VirtualNanos;
 
-/// A byte and when it was on the wire, in ns; of one that is heard, the end of its stop bit.
+/// A byte and when it was on the wire, in ns: the end of its stop bit, of one that is sent the beginning of
+/// its start bit.
 pub type Timed = (u64, u8);
 
 #[derive(Debug, Default)]
 struct Wire {
     out: VecDeque<Timed>,
     heard: Vec<Timed>,
-    /// The last byte sent began to leave then.
-    left_ns: u64,
+    left: Vec<Timed>,
 }
 
 /// The line. Handles are to the same one.
@@ -43,9 +43,9 @@ impl Line {
         self.0.lock().unwrap().out.len()
     }
 
-    /// When the last byte began to leave, in ns.
-    pub fn left_ns(&self) -> u64 {
-        self.0.lock().unwrap().left_ns
+    /// What has left since the last call, and when each byte's start bit did.
+    pub fn left(&self) -> Vec<Timed> {
+        std::mem::take(&mut self.0.lock().unwrap().left)
     }
 
     /// What was heard since the last call.
@@ -64,7 +64,7 @@ impl Peer for Line {
     fn transmit(&mut self, now: VirtualNanos) -> Option<u16> {
         let mut wire = self.0.lock().unwrap();
         wire.out.pop_front_if(|&mut (at, _)| at <= now.0).map(|(_, byte)| {
-            wire.left_ns = now.0;
+            wire.left.push((now.0, byte));
             byte.into()
         })
     }

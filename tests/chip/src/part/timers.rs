@@ -66,6 +66,8 @@ pub struct Pwm {
     pulses: u64,
     updates: u64,
     hz: u64,
+    /// What was written to its first compare register, and when, in ns, while somebody wants to know.
+    pub compared: Option<Vec<(u64, u64)>>,
     /// So many of its update requests are lost from now on, as a bus that is busy for too long would.
     pub lost_updates: u32,
 }
@@ -83,6 +85,7 @@ impl Pwm {
             pulses: 0,
             updates: 0,
             hz: RESET_HZ,
+            compared: None,
             lost_updates: 0,
         }
     }
@@ -173,6 +176,9 @@ impl Device for Pwm {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
+        if let (Some(compared), tim1::Register::Ccr1) = (&mut self.compared, register) {
+            compared.push((context.now().0, value));
+        }
         Device::write(&mut self.inner, register, value, registers, context);
         self.tell(registers, context);
     }
