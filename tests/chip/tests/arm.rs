@@ -99,6 +99,17 @@ fn a_session_from_sync0_to_close_moves_every_joint_at_9600_baud() {
         let wanted = 590.0 + 150.0 * (2410.0 - 590.0) / 255.0;
         assert!((width - wanted).abs() < 30.0, "joint {}: {width} us, not {wanted}", joint + 1);
     }
+    // An arm whose cable is lost goes home, and then has no power.
+    host.bench.with(|stand| stand.rig().world.plant.overrides.gpio_in = Some(0xFF));
+    for _ in 0..16 {
+        host.send_bare(command::PULSE);
+        host.heard(500);
+    }
+    let without = host.bench.with(|stand| {
+        let chip = &mut stand.rig().chip;
+        F407.servos.map(|output| chip.pulses(output).map_or(0.0, |pulses| pulses.width_ns))
+    });
+    assert_eq!(without, [0.0; 6]);
     host.send_bare(command::CLOSE);
     host.heard(100);
     assert!(host.ids(600).is_empty(), "nothing after CLOSE");

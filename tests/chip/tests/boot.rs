@@ -5,11 +5,11 @@ use std::fmt::Debug;
 use chip::bench::pms5005::Host;
 use chip::bench::{Bench, Make};
 use chip::part::pull;
-use protocol::extension::{Action, Request};
+use protocol::extension::{Action, Request, ResetCause};
 use protocol::pms5005::{Command, Quantity};
 use rigless::device::Level;
 use rigless::soc::Width;
-use rigless::soc::stm32f427::generated::{dbg, flash};
+use rigless::soc::stm32f427::generated::{dbg, flash, gpioa, rcc};
 
 /// What the runtime could not serve, each as text.
 fn gaps(bench: &Bench) -> Vec<String> {
@@ -133,4 +133,26 @@ fn the_loader_is_entered_with_its_own_stack_and_its_own_vectors() {
     assert_eq!(noted, [0x1FFF_0000, 0x2000_2D40]);
     let resets = host.bench.with(|stand| stand.session.resets().len());
     assert_eq!(resets, 1, "one reset, and the watchdog is not on in the loader");
+    // As after a reset: no clock, no pin.
+    let (clocks, modes) = host.bench.with(|stand| {
+        let chip = &stand.rig().chip;
+        (chip.register("RCC", rcc::Register::Cr), chip.register("GPIOE", gpioa::Register::Moder))
+    });
+    assert_eq!((clocks & 1 << 24, modes), (0, 0), "no PLL, every pin an input");
+
+    // Whatever comes of it, the next reset starts the firmware.
+    host.heard();
+    host.bench.with(|stand| stand.reset());
+    host.run_for(100);
+    host.heard();
+    assert_eq!(host.identity().reset, ResetCause::Software, "nobody has cleared what led there");
+    // And what looks like an order is none unless a program has caused the reset.
+    let order = host.bench.symbol("6system5ORDER");
+    host.bench.with(move |stand| {
+        stand.host.write(order, Width::W32, 0xDF0B_007E).unwrap();
+        stand.reset();
+    });
+    host.run_for(100);
+    host.heard();
+    assert_eq!(host.identity().reset, ResetCause::Pin);
 }

@@ -1,39 +1,23 @@
-//! Settings that outlive a restart, in a flash that ANDs and takes its time.
+//! Settings that outlive a restart, in a flash that ANDs and takes its time; and what a start knows of the
+//! one before.
 
+use chip::bench::Make;
 use chip::bench::pms5005::Host;
-use protocol::extension::{Action, Answer, Assignments, Request, ResetCause, Verdict};
-use protocol::pms5005::{Command, Data};
+use chip::bench::world::F407;
+use protocol::extension::{Action, Fault, Origin, ResetCause, Verdict};
+use protocol::pms5005::{Command, Quantity, Scope};
+use rigless::device::Level;
 use rigless::soc::Width;
 
 const IMAGE: &str = "pms5005-f407";
-/// Telemetry's period in ms.
+/// Numbers of settings: the silence allowed and telemetry's period, in ms.
+const LINK_TIMEOUT: u16 = 1;
 const PERIOD: u16 = 32;
 /// The settings' sectors, and the words before and behind them: the vectors and the program.
 const SETTINGS: std::ops::Range<u64> = 0x0800_4000..0x0801_0000;
-
-/// What came of a request.
-fn outcome(host: &mut Host, request: Request<'_>) -> Verdict {
-    host.send(Command::Extension(request));
-    host.wait("outcome", |frame| match frame.answer() {
-        Some(Answer::Outcome(outcome)) => Some(outcome.verdict),
-        _ => None,
-    })
-}
-
-fn set(host: &mut Host, value: i32) {
-    let mut data = Data::new();
-    Assignments::emit(PERIOD, value, &mut data).unwrap();
-    let assignments = Assignments::parse(&data).unwrap();
-    assert_eq!(outcome(host, Request::Set(assignments)), Verdict::Done);
-}
-
-fn value(host: &mut Host) -> i32 {
-    host.send(Command::Extension(Request::Setting(PERIOD)));
-    host.wait("setting", |frame| match frame.answer() {
-        Some(Answer::Setting(setting)) => Some(setting.value),
-        _ => None,
-    })
-}
+/// The stack, and what is in it where nobody has been.
+const STACK: std::ops::Range<u64> = 0x2000_0000..0x2000_4000;
+const PAINT: u64 = 0x5AFE_57AC;
 
 /// Words programmed and sectors erased since power on.
 fn work(host: &Host) -> (u64, u64) {
@@ -49,6 +33,15 @@ fn words_of(host: &Host, range: std::ops::Range<u64>) -> Vec<u64> {
     })
 }
 
+fn resets(host: &Host) -> usize {
+    host.bench.with(|stand| stand.session.resets().len())
+}
+
+fn is_enabled(host: &Host) -> bool {
+    let (port, pin) = F407.enables[0];
+    host.bench.with(move |stand| stand.rig().chip.level(port, pin)) == Level::High
+}
+
 #[test]
 fn a_saved_setting_is_in_force_after_a_restart_and_nothing_else_of_the_flash_has_changed() {
     let mut host = Host::boot(IMAGE);
@@ -57,23 +50,30 @@ fn a_saved_setting_is_in_force_after_a_restart_and_nothing_else_of_the_flash_has
         [vectors, words_of(host, SETTINGS.end..SETTINGS.end + 0x1_0000)]
     };
     let before = around(&host);
-    set(&mut host, 100);
-    assert_eq!(outcome(&mut host, Request::Do(Action::Save)), Verdict::Done);
+    let identity = host.identity();
+    assert_eq!((identity.reset, identity.settings), (ResetCause::Power, Origin::Defaults));
+    host.set(PERIOD, 100);
+    host.set(LINK_TIMEOUT, 300);
+    assert_eq!(host.act(Action::Save), Verdict::Done);
     let (words, _) = work(&host);
     assert!((10..2000).contains(&words), "{words} words were programmed");
     assert!(words_of(&host, SETTINGS).iter().any(|&word| word != 0xFFFF_FFFF));
     assert!(around(&host) == before, "a word outside the settings has changed");
-    assert_eq!(outcome(&mut host, Request::Do(Action::Reboot)), Verdict::Done);
+    assert_eq!(host.act(Action::Reboot), Verdict::Done);
     host.run_for(200);
     host.heard();
-    assert_eq!(host.bench.with(|stand| stand.session.resets().len()), 1);
-    assert_eq!(value(&mut host), 100);
-    host.send(Command::Extension(Request::Identity));
-    let cause = host.wait("identity", |frame| match frame.answer() {
-        Some(Answer::Identity(identity)) => Some(identity.reset),
-        _ => None,
-    });
-    assert_eq!(cause, ResetCause::Software);
+    assert_eq!(resets(&host), 1);
+    assert_eq!(host.value(PERIOD), 100);
+    let identity = host.identity();
+    assert_eq!((identity.reset, identity.settings), (ResetCause::Software, Origin::Stored));
+    assert_eq!(work(&host).0, words, "a start that finds all in order writes nothing");
+    // The controller has them too: it stops what moves after 300 ms of silence, not after 2 s.
+    host.go(Quantity::Pwm, [Some(24_576), None, None, None, None, None]);
+    host.run_for(200);
+    assert!(is_enabled(&host));
+    host.run_for(150);
+    let duty = host.bench.with(|stand| stand.rig().chip.pulses(F407.bridges[0]).unwrap().duty());
+    assert!((duty - 0.5).abs() < 0.001 || !is_enabled(&host), "{duty}");
 }
 
 #[test]
@@ -84,14 +84,81 @@ fn an_erase_holds_the_core_for_250_ms_and_the_watchdog_bears_it() {
     while work(&host).1 == 0 {
         saves += 1;
         assert!(saves < 200, "no save erases");
-        set(&mut host, 50 + saves % 50);
-        assert_eq!(outcome(&mut host, Request::Do(Action::Save)), Verdict::Done);
+        host.set(PERIOD, 50 + saves % 50);
+        assert_eq!(host.act(Action::Save), Verdict::Done);
     }
     host.run_for(300);
-    assert_eq!(outcome(&mut host, Request::Do(Action::Save)), Verdict::Done);
-    assert_eq!(value(&mut host), 50 + saves % 50);
-    assert_eq!(host.bench.with(|stand| stand.session.resets().len()), 0, "it was not bitten");
+    assert_eq!(host.act(Action::Save), Verdict::Done);
+    assert_eq!(host.value(PERIOD), 50 + saves % 50);
+    assert_eq!(resets(&host), 0, "it was not bitten");
     let told: Vec<String> =
         host.bench.with(|stand| stand.session.told().map(|told| format!("{told:?}")).collect());
     assert_eq!(told, [""; 0], "no wrong key, no write while it is locked");
+}
+
+#[test]
+fn a_flash_that_takes_nothing_is_told_and_only_the_settings_sectors_are_tried() {
+    let mut host = Host::boot(IMAGE);
+    host.bench.with(|stand| stand.rig().chip.flash.is_worn_out = true);
+    host.go(Quantity::Pwm, [Some(24_576), None, None, None, None, None]);
+    assert_eq!(host.act(Action::Save), Verdict::OutputsOn);
+    assert_eq!(host.act(Action::RebootIntoDfu), Verdict::OutputsOn);
+    assert_eq!(work(&host), (0, 0), "with a motor on the flash is left alone");
+    host.order(Command::Run { scope: Scope::All, run: false });
+    // Three erases in vain hold the core for 750 ms.
+    host.send(Command::Extension(protocol::extension::Request::Do(Action::Save)));
+    host.run_for(1000);
+    let verdict = host.wait("outcome", |frame| match frame.answer() {
+        Some(protocol::extension::Answer::Outcome(outcome)) => Some(outcome.verdict),
+        _ => None,
+    });
+    assert_eq!(verdict, Verdict::FlashFailed);
+    let mut erased = host.bench.with(|stand| stand.rig().chip.flash.erased.clone());
+    erased.sort_unstable();
+    erased.dedup();
+    assert_eq!(erased, [1, 2, 3]);
+    // It lives on.
+    host.go(Quantity::Pwm, [Some(24_576), None, None, None, None, None]);
+    host.live_for(300);
+    assert!(is_enabled(&host));
+    assert_eq!(resets(&host), 0);
+}
+
+#[test]
+fn damaged_settings_and_a_bite_of_the_watchdog_are_on_record() {
+    let settings = b"not settings".to_vec();
+    let mut host = Host::boot_with(IMAGE, Make { settings, ..Make::default() });
+    assert_eq!(host.identity().settings, Origin::Corrupt);
+    assert_eq!(host.faults(), [Fault::SettingsCorrupt]);
+    let code = host.bench.patch("5Shaft6update", &[0xE7FE]); // b .
+    host.run_for(70);
+    host.bench.patch("5Shaft6update", &code);
+    host.run_for(300);
+    host.heard();
+    assert_eq!(resets(&host), 1);
+    assert_eq!(host.identity().reset, ResetCause::Watchdog);
+    let mut faults: Vec<_> = host.faults().into_iter().map(Fault::number).collect();
+    faults.sort_unstable();
+    let mut expected = [Fault::SettingsCorrupt, Fault::WatchdogReset].map(Fault::number);
+    expected.sort_unstable();
+    assert_eq!(faults, expected);
+}
+
+#[test]
+fn the_stack_s_high_water_mark_is_the_deepest_word_that_was_ever_used() {
+    let mut host = Host::boot(IMAGE);
+    let deepest = |host: &Host| {
+        let untouched = words_of(host, STACK).into_iter().take_while(|&word| word == PAINT).count();
+        STACK.end - STACK.start - 4 * untouched as u64
+    };
+    let used = u64::from(host.health().stack_used);
+    assert!((1024..12 * 1024).contains(&used), "{used} bytes");
+    // Answering may have gone deeper meanwhile, never less deep.
+    assert!((used..used + 512).contains(&deepest(&host)));
+    assert_eq!(host.act(Action::Save), Verdict::Done);
+    let saving = u64::from(host.health().stack_used);
+    assert!((used + 512..12 * 1024).contains(&saving), "{saving} bytes");
+    println!("{used} bytes of stack at rest, {saving} for a save");
+    host.bench.with(|stand| stand.host.write(STACK.start + 0x100, Width::W32, 0).unwrap());
+    assert_eq!(u64::from(host.health().stack_used), STACK.end - STACK.start - 0x100);
 }

@@ -4,9 +4,10 @@
 use chip::bench::pms5005::Host;
 use chip::bench::world::F407;
 use chip::bench::{Bench, Stand};
-use protocol::pms5005::{Command, Quantity};
+use protocol::pms5005::{Command, Quantity, Scope};
 use rigless::device::Level;
 use rigless::soc::Width;
+use rigless::soc::stm32f427::generated::dbg;
 
 const IMAGE: &str = "pms5005-f407";
 
@@ -134,6 +135,12 @@ fn an_interrupt_handler_that_hangs_is_off_within_100_ms() {
     for handler in ["UART5", "DMA1_STREAM6", "TIM5"] {
         broken(handler, HANG);
     }
+    // The log is written with interrupts off.
+    let mut host = going();
+    host.bench.patch("_defmt_write", HANG);
+    host.send_raw(protocol::pms5005::did::PWM, &[9, 0, 0]); // no channel 9: a line of the log
+    host.run_for(2);
+    assert!(off_after(&mut host) <= OFF_WITHIN_MS);
 }
 
 #[test]
@@ -161,6 +168,51 @@ fn a_hard_fault_and_a_panic_are_off_at_once() {
 fn a_stack_that_overflows_is_off_at_once_whatever_the_steps() {
     broken("___link_task_inner", RECURSION);
     broken("___link_task_inner", RECURSION_BY_LARGE_FRAMES);
+}
+
+#[test]
+fn control_that_is_slow_for_30_ms_goes_on() {
+    let mut host = going();
+    let code = host.bench.patch("5Shaft6update", HANG);
+    host.run_for(30);
+    host.bench.patch("5Shaft6update", &code);
+    host.live_for(200);
+    assert_eq!(host.bench.with(driven), ([true; 6], true), "nothing was switched off");
+    host.go(Quantity::Pwm, [Some(8192); 6]);
+    assert_eq!(host.bench.with(|stand| stand.session.resets().len()), 0);
+}
+
+#[test]
+fn a_silent_host_s_motors_stop_after_two_seconds() {
+    let mut host = going();
+    host.run_for(1800);
+    assert_eq!(host.bench.with(driven).0, [true; 6]);
+    host.run_for(300);
+    let duties = host
+        .bench
+        .with(|stand| F407.bridges.map(|output| stand.rig().chip.pulses(output).unwrap().duty()));
+    let (enabled, _) = host.bench.with(driven);
+    for (channel, duty) in duties.into_iter().enumerate() {
+        assert!(!enabled[channel] || (duty - 0.5).abs() < 0.001, "{channel}: {duty}");
+    }
+}
+
+#[test]
+fn a_debugger_that_halts_the_core_stops_the_watchdog_only_while_nothing_is_driven() {
+    const IWDG_STOP: u64 = 1 << 12;
+    let stops = |host: &Host| {
+        let freeze =
+            host.bench.with(|stand| stand.rig().chip.register("DBG", dbg::Register::DbgmcuApb1Fz));
+        freeze & IWDG_STOP != 0
+    };
+    let mut host = Host::boot(IMAGE);
+    assert!(stops(&host));
+    host.go(Quantity::Pwm, [Some(24_576); 6]);
+    host.run_for(5);
+    assert!(!stops(&host));
+    host.order(Command::Run { scope: Scope::All, run: false });
+    host.run_for(5);
+    assert!(stops(&host));
 }
 
 #[test]

@@ -56,6 +56,8 @@ pub struct Make {
     pub servos: ServoBus,
     /// The part's `DBGMCU_IDCODE`.
     pub identity: u64,
+    /// What is in the settings' sectors, from 0x0800_4000.
+    pub settings: Vec<u8>,
     /// What the maker put into system memory at 0x1FFF_0000: vectors first.
     pub loader: Vec<u8>,
     /// How many bits a display cut off in a byte still waits for, holding its data line low.
@@ -66,7 +68,8 @@ impl Default for Make {
     fn default() -> Self {
         let servos = ServoBus::new(Default::default(), []);
         let scene = Scene::default();
-        Self { scene, servos, identity: REVISION_Z, loader: Vec::new(), stuck_bits: 0 }
+        let (settings, loader) = (Vec::new(), Vec::new());
+        Self { scene, servos, identity: REVISION_Z, settings, loader, stuck_bits: 0 }
     }
 }
 
@@ -152,6 +155,11 @@ impl Stand<'_> {
     /// The part and the world.
     pub fn rig(&mut self) -> &mut Rig {
         self.session.board_mut()
+    }
+
+    /// Somebody presses the reset button.
+    pub fn reset(&mut self) {
+        self.session.reset_by_pin(self.now, 0, self.host);
     }
 
     /// Drives a pin from now on.
@@ -279,9 +287,11 @@ impl Bench {
         let thread = std::thread::spawn(move || {
             let session = Session::new(Box::new(rig), 0, VirtualNanos(1)).expect("a target");
             let mut images = vec![image];
-            if !make.loader.is_empty() {
-                let loader = Image::new(Path::new("loader"), make.loader, Some(0x1FFF_0000));
-                images.push(loader.expect("it is placed as it is"));
+            for (bytes, at) in [(make.loader, 0x1FFF_0000), (make.settings, 0x0800_4000)] {
+                if !bytes.is_empty() {
+                    let image = Image::new(Path::new("more"), bytes, Some(at));
+                    images.push(image.expect("it is placed as it is"));
+                }
             }
             let runner = Runner {
                 orders: from_test,
@@ -322,15 +332,18 @@ impl Bench {
     }
 
     /// Puts other instructions where a symbol is, as if the flash had always held them: what the
-    /// image does from there on is the test's. Half words of Thumb code.
-    pub fn patch(&self, part: &str, code: &[u16]) {
+    /// image does from there on is the test's. Half words of Thumb code; answers what was there.
+    pub fn patch(&self, part: &str, code: &[u16]) -> Vec<u16> {
         let (address, code) = (self.symbol(part), code.to_vec());
         self.with(move |stand| {
-            for (address, half) in (address..).step_by(2).zip(code) {
+            let put = |(address, half): (u64, u16)| {
+                let was = stand.host.read(address, Width::W16).expect("it is in the flash");
                 let put = stand.host.program(address, Width::W16, half.into());
                 put.expect("it is in the flash");
-            }
-        });
+                was as u16 // 16 bits were read
+            };
+            (address..).step_by(2).zip(code).map(put).collect()
+        })
     }
 
     fn order(&self, order: Order) {

@@ -3,9 +3,12 @@
 use std::collections::VecDeque;
 
 use protocol::deframe::{Deframer, Reception};
-use protocol::extension::Answer;
-use protocol::pms5005::{Addressing, CHANNELS};
-use protocol::pms5005::{Command, Frame, MAX_FRAME, Move, Pms5005, Quantity, Report};
+use protocol::extension::{
+    Action, Answer, Assignments, Fault, Health, Identity, Latched, Request, Verdict,
+};
+use protocol::pms5005::{
+    Addressing, CHANNELS, Command, Data, Frame, MAX_FRAME, Move, Pms5005, Quantity, Repeat, Report,
+};
 
 use super::{Bench, Make};
 
@@ -144,5 +147,73 @@ impl Host {
             Some(Report::Motors(report)) => Some(report),
             _ => None,
         })
+    }
+
+    /// Sends a request of the extension and waits for the answer of which `wanted` makes something.
+    pub fn ask<T>(&mut self, request: Request<'_>, wanted: impl Fn(Answer<'_>) -> Option<T>) -> T {
+        self.send(Command::Extension(request));
+        self.wait("answer", |frame| frame.answer().and_then(&wanted))
+    }
+
+    /// What came of a request.
+    pub fn outcome(&mut self, request: Request<'_>) -> Verdict {
+        self.ask(request, |answer| match answer {
+            Answer::Outcome(outcome) => Some(outcome.verdict),
+            _ => None,
+        })
+    }
+
+    /// Has something done.
+    pub fn act(&mut self, action: Action) -> Verdict {
+        self.outcome(Request::Do(action))
+    }
+
+    /// Sets a setting by its number.
+    pub fn set(&mut self, number: u16, value: i32) {
+        let mut data = Data::new();
+        Assignments::emit(number, value, &mut data).expect("one fits");
+        let assignments = Assignments::parse(&data).expect("what was just emitted");
+        assert_eq!(self.outcome(Request::Set(assignments)), Verdict::Done);
+    }
+
+    /// A setting's value.
+    pub fn value(&mut self, number: u16) -> i32 {
+        self.ask(Request::Setting(number), |answer| match answer {
+            Answer::Setting(setting) => Some(setting.value),
+            _ => None,
+        })
+    }
+
+    /// Which firmware it is, and how it started.
+    pub fn identity(&mut self) -> Identity {
+        self.ask(Request::Identity, |answer| match answer {
+            Answer::Identity(identity) => Some(identity),
+            _ => None,
+        })
+    }
+
+    /// How it is.
+    pub fn health(&mut self) -> Health {
+        let once = Repeat::Times(std::num::NonZeroU8::MIN);
+        self.ask(Request::Health(once), |answer| match answer {
+            Answer::Health(health) => Some(health),
+            _ => None,
+        })
+    }
+
+    /// The faults on record.
+    pub fn faults(&mut self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        loop {
+            let place = faults.len() as u8; // 16 at the most
+            let record = self.ask(Request::Fault(place), |answer| match answer {
+                Answer::Fault(Latched { place: told, record, .. }) if told == place => Some(record),
+                _ => None,
+            });
+            match record {
+                Some(record) => faults.push(record.fault),
+                None => return faults,
+            }
+        }
     }
 }

@@ -54,11 +54,24 @@ pub struct Flash {
     pub words: u64,
     /// Sectors erased since power on.
     pub erases: u64,
+    /// The sectors that were to be erased, by number.
+    pub erased: Vec<u64>,
+    /// Nothing changes in the array any more, though everything takes its time.
+    pub is_worn_out: bool,
 }
 
 impl Default for Flash {
     fn default() -> Self {
-        Self { keys: 0, control: cr::LOCK.mask(), work: None, busy_until: 0, words: 0, erases: 0 }
+        Self {
+            keys: 0,
+            control: cr::LOCK.mask(),
+            work: None,
+            busy_until: 0,
+            words: 0,
+            erases: 0,
+            erased: Vec::new(),
+            is_worn_out: false,
+        }
     }
 }
 
@@ -159,6 +172,10 @@ impl Device for Flash {
             }
             Work::Erase { sector: number } => {
                 self.erases += 1;
+                self.erased.push(number);
+                if self.is_worn_out {
+                    return;
+                }
                 let (begin, bytes, _) = sector(number);
                 for address in (begin..begin + bytes).step_by(4) {
                     context.program(address, Width::W32, 0xFFFF_FFFF, 0);
@@ -176,12 +193,18 @@ impl Device for Flash {
         context: &mut DeviceContext<'_>,
     ) {
         let (address, word) = (token >> 32, token & 0xFFFF_FFFF);
-        if address != 0 {
+        if address != 0 && !self.is_worn_out {
             context.program(address, Width::W32, value & word, 0);
         }
     }
 
     fn reset(&mut self) {
-        *self = Self { words: self.words, erases: self.erases, ..Self::default() };
+        *self = Self {
+            words: self.words,
+            erases: self.erases,
+            erased: std::mem::take(&mut self.erased),
+            is_worn_out: self.is_worn_out,
+            ..Self::default()
+        };
     }
 }
