@@ -1,0 +1,24 @@
+//! Who has a device open, on Linux; elsewhere nobody can tell.
+
+use std::fs;
+use std::path::Path;
+
+/// The programs that have this device open, other than this one: `minicom (process 1234)`. Of other
+/// people's programs only root is told.
+pub fn holders(device: &str) -> Vec<String> {
+    let Ok(device) = fs::canonicalize(device) else { return Vec::new() };
+    let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    numbers
+        .filter(|&number| number != std::process::id() && has_open(number, &device))
+        .map(|number| {
+            let name = fs::read_to_string(format!("/proc/{number}/comm")).unwrap_or_default();
+            format!("{} (process {number})", name.trim())
+        })
+        .collect()
+}
+
+fn has_open(process: u32, device: &Path) -> bool {
+    let files = fs::read_dir(format!("/proc/{process}/fd")).into_iter().flatten().flatten();
+    files.filter_map(|file| fs::read_link(file.path()).ok()).any(|file| file == device)
+}
