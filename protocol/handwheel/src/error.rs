@@ -30,7 +30,7 @@ pub enum Error {
     )]
     NoAnswer(&'static str),
     /// The board refuses.
-    #[error("the board refuses: {verdict}{}", about(.setting))]
+    #[error("the board refuses: {}{}", crate::words::verdict(*.verdict), about(.setting))]
     Refused {
         /// Why.
         verdict: Verdict,

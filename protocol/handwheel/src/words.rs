@@ -1,7 +1,7 @@
 //! Faults, reasons, units and states for people, each with the remedy.
 
 use protocol::extension::{
-    ChannelState, Fault, FaultRecord, Mode, Origin, Reason, ResetCause, Unit,
+    ChannelState, Fault, FaultRecord, Mode, Origin, Reason, ResetCause, Unit, Verdict,
 };
 
 use crate::number::Number;
@@ -127,6 +127,18 @@ pub fn unit(unit: Unit) -> &'static str {
         Unit::Seconds => "s",
         Unit::Ticks => "ticks",
     }
+}
+
+/// Why a board refuses, and what to do.
+pub fn verdict(verdict: Verdict) -> String {
+    let remedy = match verdict {
+        Verdict::OutputsOn => "; `handwheel stop` does that",
+        Verdict::Unknown => "; bring its firmware up to date",
+        Verdict::Contradiction => "; set both in one `restore`, or the other one first",
+        Verdict::Busy => ", or another host's is",
+        _ => "",
+    };
+    format!("{verdict}{remedy}")
 }
 
 /// Why a board has started.

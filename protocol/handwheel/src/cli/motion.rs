@@ -1,11 +1,16 @@
 //! `pwm`, `velocity`, `position`, `stop`: what turns, and how it ends.
 
+use std::time::Duration;
+
 use serde_json::json;
 
 use super::{ANSWER_IS_NO, Context, DONE, Hold, Outcome, time};
 use crate::client::{Stopped, Target};
 use crate::number::Number;
 use crate::words;
+
+/// At the very beginning a reason may still be of what was before.
+const SETTLES: Duration = Duration::from_millis(200);
 
 impl Context<'_, '_> {
     /// Drives a motor until its time is over, or Ctrl-C, and stops it.
@@ -24,11 +29,13 @@ impl Context<'_, '_> {
             if let Some(state) = state {
                 let reason = words::reason(&state.channels[motor.index()]);
                 // What hinders it is always visible, once each.
-                if reason != said && reason.is_some() {
+                if reason != said && reason.is_some() && elapsed > SETTLES {
                     let text = reason.as_deref().unwrap_or_default();
                     let _ = writeln!(self.io.err, "handwheel: motor {motor}: {text}");
                 }
-                said = reason;
+                if elapsed > SETTLES {
+                    said = reason;
+                }
             }
             let is_over = hold.time.is_some_and(|length| elapsed >= length);
             !is_over && !interrupted.load(std::sync::atomic::Ordering::Relaxed)

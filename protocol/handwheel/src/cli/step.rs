@@ -15,7 +15,7 @@ use crate::step::{Sample, draw, response};
 use crate::words;
 
 /// The wire's positions wrap here; the machine state's do not.
-const TURN: i32 = 32_768;
+const TURN: f64 = 32_768.0;
 
 impl Context<'_, '_> {
     /// The motor is stopped at the end, whatever happens.
@@ -37,13 +37,8 @@ impl Context<'_, '_> {
         if channel.mode != Mode::Off {
             return Err(Error::Stopped(format!("motor {motor} is driven; `handwheel stop` first")));
         }
-        let (what, unit, start, aim) = match quantity {
-            Quantity::Velocity => (
-                Target::Velocity(target),
-                "counts/s",
-                f64::from(channel.velocity),
-                f64::from(target),
-            ),
+        let (what, unit) = match quantity {
+            Quantity::Velocity => (Target::Velocity(target), "counts/s"),
             Quantity::Position if target < 0 => {
                 return Err(Error::OutOfRange {
                     name: "position".into(),
@@ -52,13 +47,7 @@ impl Context<'_, '_> {
                     high: i16::MAX.into(),
                 });
             }
-            Quantity::Position => {
-                // The shorter way round, as the board goes.
-                let off = (i32::from(target) - channel.position).rem_euclid(TURN);
-                let off = if off > TURN / 2 { off - TURN } else { off };
-                let at = f64::from(channel.position);
-                (Target::Position(target), "counts", at, at + f64::from(off))
-            }
+            Quantity::Position => (Target::Position(target), "counts"),
         };
         let mut samples = Vec::new();
         self.holds();
@@ -87,6 +76,10 @@ impl Context<'_, '_> {
                 let _ = drive.stop();
                 return Err(why);
             }
+        };
+        let (start, aim) = match quantity {
+            Quantity::Velocity => (0.0, f64::from(target)),
+            Quantity::Position => way(&samples, target),
         };
         let found = response(&samples, start, aim).ok_or_else(|| {
             Error::Stopped(format!(
@@ -133,5 +126,27 @@ impl Context<'_, '_> {
         };
         self.json = json;
         Ok(status)
+    }
+}
+
+/// From where to where a position step went: the wire has a turn's counts, and which way round it went is
+/// seen by where it came to.
+fn way(samples: &[Sample], target: i16) -> (f64, f64) {
+    let start = samples.first().map_or(0.0, |sample| sample.value);
+    let end = samples.last().map_or(0.0, |sample| sample.value);
+    let off = (f64::from(target) - end).rem_euclid(TURN);
+    (start, end + if off > TURN / 2.0 { off - TURN } else { off })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_position_steps_the_way_that_it_went() {
+        let sample = |value| Sample { time: Duration::ZERO, value, duty: 0.0 };
+        assert_eq!(way(&[sample(100.0), sample(5990.0)], 6000), (100.0, 6000.0));
+        assert_eq!(way(&[sample(100.0), sample(-2750.0)], 30_000), (100.0, -2768.0));
+        assert_eq!(way(&[sample(100.0), sample(29_990.0)], 30_000), (100.0, 30_000.0));
     }
 }

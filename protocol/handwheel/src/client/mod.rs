@@ -2,13 +2,14 @@
 //!
 //! - here: the connection, and what a board is asked about itself;
 //! - `settings`: settings by name;
-//! - `motion`: what moves something, and what stops it;
+//! - `motion`: what moves something; `stop`: what stops it, and how a shaft is known to stand;
 //! - `streams`: telemetry and machine state, one after the other;
 //! - `arm`: the session of ARCOS that a Pioneer Arm wants around all of it.
 
 mod arm;
 mod motion;
 mod settings;
+mod stop;
 mod streams;
 
 use std::time::{Duration, Instant};
@@ -26,9 +27,10 @@ use crate::session::{Event, Failure, Personality, Reply, Session};
 use crate::transport::{self, Transport};
 
 pub use arm::Arm;
-pub use motion::{Drive, Stopped, Target};
+pub use motion::{Drive, Target};
 pub(crate) use settings::check;
 pub use settings::{Settings, find};
+pub use stop::Stopped;
 pub use streams::{Reports, Servo, Servos, States};
 
 /// How long one read waits; nothing is later than that.

@@ -10,31 +10,24 @@
 use std::time::Duration;
 
 use protocol::extension::{MachineState, Mode, Reason, Request};
-use protocol::pms5005::{Addressing, CHANNELS, Command, LcdFrame, Move, Quantity, Report, Scope};
+use protocol::pms5005::{Addressing, CHANNELS, Command, LcdFrame, Move, Quantity, Scope};
 
+use super::stop::{STAND, STILL, Shafts, Stopped};
 use super::streams::RENEW;
 use super::{Client, TICK};
 use crate::error::Error;
 use crate::number::Number;
-use crate::session::{Event, Personality, SIGN_OF_LIFE};
+use crate::session::{Event, SIGN_OF_LIFE};
 use crate::words;
 
 /// PWM without drive, and the most either way.
-const NEUTRAL: i16 = 16_384;
+pub(super) const NEUTRAL: i16 = 16_384;
 /// Servo pulses in counts of 1/2250 ms.
 const COUNTS_PER_MS: f64 = 2250.0;
-/// How long a stop waits for the shaft.
-const STAND: Duration = Duration::from_secs(1);
-/// A shaft stands when it has kept within so many counts for so long: what a potentiometer's noise does.
-const STILL_COUNTS: i32 = 5;
-const STILL_TIME: Duration = Duration::from_millis(150);
 /// What a board tells may be older than the command.
 const GRACE: Duration = Duration::from_millis(150);
 /// A board that says nothing for so long is gone; it says something once a second.
 const SILENCE: Duration = Duration::from_millis(2500);
-/// How often a stop of everything is repeated until the board shows that it holds.
-const STOPS: u8 = 3;
-
 /// What a motor is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
@@ -69,19 +62,6 @@ impl std::fmt::Display for Target {
     }
 }
 
-/// How a stop came out.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stopped {
-    /// Whether the shaft, or all of them, stands; `None` if the board does not tell.
-    pub stands: Option<bool>,
-    /// Whether the board has confirmed the stop: acknowledged, and nothing drives.
-    pub confirmed: bool,
-    /// How long it took, or was waited for.
-    pub after: Duration,
-    /// Where the shaft is, in counts, and how far it has turned since the drive began.
-    pub position: Option<(i32, i32)>,
-}
-
 fn targets(number: Number, value: i16) -> [Option<i16>; CHANNELS] {
     let mut targets = [None; CHANNELS];
     targets[number.index()] = Some(value);
@@ -108,7 +88,6 @@ impl Client {
     ) -> Result<Drive<'_>, Error> {
         self.needs_a_pms5005("motors")?;
         let life = self.sign_of_life();
-        let before = self.state()?;
         let (quantity, value) = target.on_the_wire();
         let now = self.now();
         // From here on the motor may run, and a drive that is dropped stops it.
@@ -118,7 +97,7 @@ impl Client {
             command: move_of(motor, quantity, value, time).did(),
             begun: now,
             renew: now,
-            before: before.map(|state| state.channels[motor.index()].position),
+            shafts: Shafts::default(),
             over: false,
         };
         let command = move_of(motor, quantity, value, time);
@@ -188,90 +167,6 @@ impl Client {
         let request = Request::SetCount { channel: motor.channel().number(), count };
         self.ask(&request, "to set a count").map(drop)
     }
-
-    /// Stops everything at once: motors and servos off, joints of an arm where they are. Only a new motion
-    /// command moves anything again.
-    ///
-    /// # Errors
-    /// When the stop could not be sent, or not be acknowledged.
-    pub fn stop(&mut self) -> Result<Stopped, Error> {
-        let begun = self.now();
-        self.session.drive(None, begun);
-        self.session.forget();
-        if self.personality() == Personality::Arcos {
-            let mut stands = self.stop_arm()?;
-            while !stands && self.now() < begun + STAND {
-                stands = self.arm_status()?.moving == [false; 6];
-            }
-            let after = self.now() - begun;
-            return Ok(Stopped { stands: Some(stands), confirmed: stands, after, position: None });
-        }
-        self.needs_a_pms5005("motors to be stopped")?;
-        let neutral = Command::Move(Move {
-            quantity: Quantity::Pwm,
-            addressing: Addressing::All,
-            targets: [Some(NEUTRAL); CHANNELS],
-            periods: 0,
-        });
-        let suspend = Command::Run { scope: Scope::All, run: false };
-        let mut stands = None;
-        let mut confirmed = false;
-        for _ in 0..STOPS {
-            // Off at once, and then without a move that a resume would go on with.
-            self.session.send(&suspend);
-            self.command(&neutral, "a stop")?;
-            self.command(&suspend, "a stop")?;
-            if !self.has_state() {
-                confirmed = true;
-                break;
-            }
-            let all = Number::all().collect::<Vec<_>>();
-            let (seen, state) = self.wait_until_they_stand(&all, begun + STAND)?;
-            stands = Some(seen);
-            confirmed = state.is_some_and(|state| {
-                state.channels.iter().all(|channel| channel.mode == Mode::Off)
-                    && state.servos == [0; 6]
-            });
-            if confirmed {
-                break;
-            }
-        }
-        Ok(Stopped { stands, confirmed, after: self.now() - begun, position: None })
-    }
-
-    /// Whether they have come to rest, and the last state.
-    fn wait_until_they_stand(
-        &mut self,
-        motors: &[Number],
-        end: Duration,
-    ) -> Result<(bool, Option<MachineState>), Error> {
-        let end = end.max(self.now() + 2 * STILL_TIME);
-        // Where each was when its rest began.
-        let mut rest: Vec<Option<(i32, Duration)>> = vec![None; motors.len()];
-        let mut last = None;
-        self.ask_for_states();
-        while self.now() < end {
-            self.pump(TICK)?;
-            let now = self.now();
-            while let Some(event) = self.session.take_event() {
-                let Event::State(state) = event else { continue };
-                for (motor, rest) in motors.iter().zip(&mut rest) {
-                    let position = state.channels[motor.index()].position;
-                    let moved = |at: i32| position.wrapping_sub(at).abs() > STILL_COUNTS;
-                    if rest.is_none_or(|(at, _)| moved(at)) {
-                        *rest = Some((position, now));
-                    }
-                }
-                last = Some(state);
-            }
-            if rest.iter().all(|rest| rest.is_some_and(|(_, since)| now >= since + STILL_TIME)) {
-                self.end_states();
-                return Ok((true, last));
-            }
-        }
-        self.end_states();
-        Ok((false, last))
-    }
 }
 
 /// Number of the setting "link timeout".
@@ -285,8 +180,8 @@ pub struct Drive<'c> {
     command: u8,
     begun: Duration,
     renew: Duration,
-    /// Where it was.
-    before: Option<i32>,
+    /// What was seen of it since it is driven: only then is it told by the sensor that the command implies.
+    shafts: Shafts,
     over: bool,
 }
 
@@ -305,7 +200,7 @@ impl Drive<'_> {
     }
 
     /// Lets it run for as long as `go_on` says, which is told the time since it began, and a new machine
-    /// state if there is one.
+    /// state of the motor driven if there is one.
     ///
     /// # Errors
     /// As [`hold`](Self::hold).
@@ -320,8 +215,15 @@ impl Drive<'_> {
             }
             self.client.pump(TICK)?;
             while let Some(event) = self.client.session.take_event() {
-                let Event::State(state) = event else { continue };
+                let Event::State(state) = event else {
+                    self.shafts.see(&event, self.client.now());
+                    continue;
+                };
                 self.look(&state)?;
+                if state.channels[self.motor.index()].mode == Mode::Off {
+                    continue; // The command has not come yet.
+                }
+                self.shafts.see(&event, self.client.now());
                 if !go_on(self.elapsed(), Some(&state)) {
                     return Ok(());
                 }
@@ -362,28 +264,18 @@ impl Drive<'_> {
         let begun = client.now();
         client.session.drive(None, begun);
         client.session.forget();
-        while client.session.take_event().is_some() {}
-        let neutral = move_of(self.motor, Quantity::Pwm, NEUTRAL, Duration::ZERO);
-        client.command(&neutral, "a stop")?;
-        let mut stopped =
-            Stopped { stands: None, confirmed: true, after: Duration::ZERO, position: None };
-        if client.has_state() {
-            let (stands, state) = client.wait_until_they_stand(&[self.motor], begun + STAND)?;
-            stopped.stands = Some(stands);
-            stopped.position = state.and_then(|state| {
-                let position = state.channels[self.motor.index()].position;
-                Some((position, position.wrapping_sub(self.before?)))
-            });
-        } else {
-            stopped.stands = stands_by_telemetry(client, self.motor, begun + STAND)?;
-        }
-        stopped.after = client.now() - begun;
-        if stopped.stands == Some(true) {
-            stopped.after = stopped.after.saturating_sub(STILL_TIME);
-        }
+        client.command(&move_of(self.motor, Quantity::Pwm, NEUTRAL, Duration::ZERO), "a stop")?;
+        client.wait_until_it_stands(&mut self.shafts, &[self.motor], begun + STAND)?;
+        let stands = self.shafts.stand(&[self.motor], client.now());
+        let waited = client.now() - begun;
         let suspend = Command::Run { scope: Scope::Motor(self.motor.channel()), run: false };
         client.command(&suspend, "a stop")?;
-        Ok(stopped)
+        Ok(Stopped {
+            stands,
+            confirmed: true,
+            after: if stands == Some(true) { waited.saturating_sub(STILL) } else { waited },
+            position: self.shafts.turned(self.motor),
+        })
     }
 }
 
@@ -394,27 +286,4 @@ impl Drop for Drive<'_> {
             let _ = self.end();
         }
     }
-}
-
-/// Of an older board only the encoders of motors 1 and 2 are told.
-fn stands_by_telemetry(
-    client: &mut Client,
-    motor: Number,
-    end: Duration,
-) -> Result<Option<bool>, Error> {
-    let mut seen = None;
-    while client.now() < end {
-        client.pump(TICK)?;
-        while let Some(event) = client.session.take_event() {
-            if let Event::Report(Report::Motors(motors)) = event
-                && let Some(encoder) = motors.encoders.get(motor.index())
-            {
-                seen = Some(encoder.speed == 0);
-            }
-        }
-        if seen == Some(true) {
-            break;
-        }
-    }
-    Ok(seen)
 }

@@ -2,10 +2,23 @@
 
 use std::fs;
 use std::path::Path;
+use std::time::Duration;
+
+/// For how long a program has to have a device that is called its holder: some only look at one.
+const LONG: Duration = Duration::from_millis(100);
 
 /// The programs that have this device open, other than this one: `minicom (process 1234)`. Of other
 /// people's programs only root is told.
-pub fn holders(device: &str) -> Vec<String> {
+pub fn holders_for_long(device: &str) -> Vec<String> {
+    let first = holders(device);
+    if first.is_empty() {
+        return first;
+    }
+    std::thread::sleep(LONG);
+    holders(device).into_iter().filter(|holder| first.contains(holder)).collect()
+}
+
+fn holders(device: &str) -> Vec<String> {
     let Ok(device) = fs::canonicalize(device) else { return Vec::new() };
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serialport::SerialPort;
 
-use super::holder::holders;
+use super::holder::holders_for_long;
 use super::{Transport, nothing_yet};
 use crate::error::Error;
 
@@ -27,7 +27,7 @@ pub fn ports() -> Vec<String> {
 /// [`Error::Busy`] names who has it; [`Error::CannotOpen`] says what to do.
 pub fn open(device: &str, baud: u32) -> Result<Box<dyn Transport>, Error> {
     // Many programs do not lock a port. Two that read from one take each other's bytes.
-    let others = holders(device);
+    let others = holders_for_long(device);
     if !others.is_empty() {
         return Err(busy(device, &others));
     }
@@ -51,7 +51,7 @@ fn explained(device: &str, error: &serialport::Error) -> Error {
         _ => ErrorKind::Other,
     };
     if is_busy || matches!(kind, ErrorKind::ResourceBusy | ErrorKind::WouldBlock) {
-        return busy(device, &holders(device));
+        return busy(device, &holders_for_long(device));
     }
     let remedy = match kind {
         ErrorKind::PermissionDenied => {
