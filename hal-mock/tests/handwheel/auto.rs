@@ -6,6 +6,7 @@ use std::time::Duration;
 use handwheel::auto::find_among;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 use crate::program::Board;
 
@@ -24,6 +25,10 @@ impl Mute {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
+        // What it says is not to come back as an echo.
+        let mut attributes = tcgetattr(&master).unwrap();
+        attributes.make_raw();
+        tcsetattr(&master, OptionalActions::Now, &attributes).unwrap();
         let device = ptsname(&master, Vec::new()).unwrap().to_str().unwrap().to_owned();
         rustix::io::write(&master, says).unwrap();
         Self { master, device }

@@ -27,13 +27,14 @@ fn ctrl_c_stops_the_motor_and_is_no_failure() {
         let ctrl_c = interrupt.clone();
         let driver = thread::spawn(move || interruptible(&link, words, interrupt));
         board.until(|state| state["motors"][0]["velocity"].as_f64().unwrap() > 500.0);
+        // The step has samples by then.
+        thread::sleep(Duration::from_millis(300));
         assert!(!ctrl_c.ends_program.load(Ordering::Relaxed));
         ctrl_c.wanted.store(true, Ordering::Relaxed);
         let said = driver.join().unwrap();
         assert_eq!(said.status, 0, "{said:?}");
         assert!(said.out.contains("motor 1 stands"), "{said:?}");
-        let state = board.state();
-        assert_eq!(state["motors"][0]["enabled"], false);
+        board.until(|state| state["motors"][0]["enabled"] == false);
         assert_eq!(handwheel(&tcp(&board), "faults clear").status, 0);
     }
 }
@@ -74,7 +75,7 @@ fn who_watches_keeps_nothing_running_and_says_who_drives() {
     assert_eq!(states[0]["driven_by_another_host"], json!([1]));
     let last = states.last().unwrap();
     assert_eq!((&last["driven_by_another_host"], &last["host_silent"]), (&json!([]), &json!(true)));
-    assert_eq!(board.state()["motors"][0]["enabled"], false);
+    board.until(|state| state["motors"][0]["enabled"] == false);
     std::io::Read::read(&mut host, &mut buffer).unwrap();
 }
 
@@ -91,7 +92,7 @@ fn a_stop_of_another_holds_and_the_driver_says_why_it_ended() {
     assert_eq!((stop.status, &stop.json()["confirmed"]), (0, &json!(true)));
     let said = driver.join().unwrap();
     assert!(said.status == 1 && said.err.contains("motor 1 does not run"), "{said:?}");
-    assert_eq!(board.state()["motors"][0]["enabled"], false);
+    board.until(|state| state["motors"][0]["enabled"] == false);
 }
 
 #[test]
@@ -187,6 +188,17 @@ fn an_arm_that_another_host_has_is_left_to_it() {
 fn a_cm5_gets_info_and_watch_and_says_what_it_has_not() {
     let board = Board::start(&["cm5", "--servos", "3,7"]);
     let serial = format!("serial:{}@1000000", board.place("serial"));
+    let watched = handwheel(&tcp(&board), "watch --for 100ms");
+    assert!(
+        watched.status == 0 && watched.out.contains("the CM-5 waits for its host"),
+        "{watched:?}"
+    );
+    // Its host, whose answer to the hello begins the reports.
+    let mut host = board.tcp();
+    let limits = [protocol::cm5::Limits::new(0, 1023).unwrap()];
+    let mut buffer = [0; 20];
+    let answer = protocol::cm5::HelloAnswer::encode(0, &limits, &mut buffer).unwrap();
+    std::io::Write::write_all(&mut host, answer).unwrap();
     for link in [tcp(&board), serial] {
         assert_eq!(handwheel(&link, "--json info").json()["servos"], json!([3, 7]));
         let watched = handwheel(&link, "--json watch --for 1s").out;

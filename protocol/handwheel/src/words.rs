@@ -152,12 +152,12 @@ pub fn reset(cause: ResetCause) -> &'static str {
     }
 }
 
-/// Where its settings come from.
+/// Where its settings came from when it started.
 pub fn origin(origin: Origin) -> &'static str {
     match origin {
-        Origin::Defaults => "the defaults: nothing was ever saved",
+        Origin::Defaults => "the defaults: nothing had ever been saved",
         Origin::Stored => "as saved",
-        Origin::Corrupt => "the defaults, as what was stored is damaged: `restore` a backup",
+        Origin::Corrupt => "the defaults, as what was stored was damaged: `restore` a backup",
     }
 }
 

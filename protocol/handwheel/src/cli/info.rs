@@ -51,7 +51,7 @@ impl Context<'_, '_> {
         };
         self.say(&format!("firmware {major}.{minor}.{patch}, extension {}", identity.extension));
         self.say(&format!("up {uptime}; started {}", words::reset(identity.reset)));
-        self.say(&format!("settings: {}", words::origin(identity.settings)));
+        self.say(&format!("settings at its start: {}", words::origin(identity.settings)));
         self.say(&format!(
             "worst control latency {} us, {} control periods missed, stack used {stack}",
             health.worst_latency_us, health.periods_missed
@@ -80,7 +80,7 @@ impl Context<'_, '_> {
         object.insert("extension".into(), identity.extension.into());
         object.insert("uptime_ms".into(), health.uptime_ms.into());
         object.insert("started".into(), words::reset(identity.reset).into());
-        object.insert("settings".into(), words::origin(identity.settings).into());
+        object.insert("settings_at_its_start".into(), words::origin(identity.settings).into());
         object.insert(
             "health".into(),
             json!({

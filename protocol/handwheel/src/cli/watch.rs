@@ -178,7 +178,7 @@ impl Context<'_, '_> {
                 .iter()
                 .map(|servo| {
                     json!({
-                        "id": servo.id, "answers": servo.registers.is_some(),
+                        "id": servo.id, "reports": servo.registers.is_some(),
                         "position_speed_load_voltage_dv_temperature_c": servo.registers,
                     })
                 })
@@ -348,6 +348,9 @@ fn servo_line(servo: &Servo) -> String {
             servo.id,
             f64::from(voltage) / 10.0
         ),
-        None => format!("servo {:3}: does not answer\n", servo.id),
+        None => format!(
+            "servo {:3}: no report (it does not answer, or the CM-5 waits for its host)\n",
+            servo.id
+        ),
     }
 }

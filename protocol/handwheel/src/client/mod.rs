@@ -86,10 +86,10 @@ impl Client {
             state: None,
         };
         match client.find_out()? {
-            Personality::Pms5005 => client.identity = client.asked_who(),
+            Personality::Pms5005 => client.identity = client.asked_who()?,
             Personality::Arcos => {
                 client.open_arm()?;
-                client.identity = client.asked_who();
+                client.identity = client.asked_who()?;
             }
             Personality::Cm5 => {}
         }
@@ -330,10 +330,11 @@ impl Client {
     }
 
     /// `None` where there is no extension.
-    fn asked_who(&mut self) -> Option<Identity> {
+    fn asked_who(&mut self) -> Result<Option<Identity>, Error> {
         match self.ask(&Request::Identity, "who it is") {
-            Ok(Reply::Identity(identity)) => Some(identity),
-            _ => None,
+            Ok(Reply::Identity(identity)) => Ok(Some(identity)),
+            Err(gone @ Error::Gone(..)) => Err(gone),
+            _ => Ok(None),
         }
     }
 }

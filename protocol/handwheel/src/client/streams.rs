@@ -56,7 +56,7 @@ impl Client {
     /// [`Error::NotCarried`] by another board.
     pub fn servos(&mut self) -> Result<Servos<'_>, Error> {
         match self.personality() {
-            Personality::Cm5 => Ok(Servos { client: self, ids: Vec::new() }),
+            Personality::Cm5 => Ok(Servos { client: self, ids: Vec::new(), reports: false }),
             other => Err(Error::NotCarried(other, "bus of AX-12 servos", "")),
         }
     }
@@ -145,7 +145,8 @@ pub struct Servo {
     /// Its ID on the bus.
     pub id: u8,
     /// Position 0 to 1023 (0 to 300 degrees), speed and load as the registers have them, voltage in 0.1 V,
-    /// temperature in degrees Celsius; `None` if it does not answer.
+    /// temperature in degrees Celsius; `None` if it does not answer, or the CM-5 reports nothing yet: it waits
+    /// for its host's answer to its hello, which would set the servos' limits, and so is not given here.
     pub registers: Option<[u16; 5]>,
 }
 
@@ -153,6 +154,8 @@ pub struct Servo {
 pub struct Servos<'c> {
     client: &'c mut Client,
     ids: Vec<u8>,
+    /// It has reported.
+    reports: bool,
 }
 
 impl Servos<'_> {
@@ -185,10 +188,19 @@ impl Iterator for Servos<'_> {
             });
             match found {
                 Ok(Event::Feedback(feedback)) => {
+                    self.reports = true;
                     let servos = self.ids.iter().zip(feedback);
                     return Some(Ok(servos.map(|(&id, told)| servo(id, told)).collect()));
                 }
-                Ok(Event::Servos(ids)) => self.ids = ids,
+                // It says hello until its host has answered, and reports nothing before.
+                Ok(Event::Servos(ids)) => {
+                    self.ids = ids;
+                    if self.reports {
+                        continue;
+                    }
+                    let silent = |&id| Servo { id, registers: None };
+                    return Some(Ok(self.ids.iter().map(silent).collect()));
+                }
                 Ok(_) => {}
                 Err(error) => return Some(Err(error)),
             }

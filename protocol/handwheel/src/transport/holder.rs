@@ -7,6 +7,9 @@ use std::time::Duration;
 /// For how long a program has to have a device that is called its holder: some only look at one.
 const LONG: Duration = Duration::from_millis(100);
 
+/// How the names of serial devices begin.
+const SERIAL: [&str; 3] = ["/dev/tty", "/dev/pts/", "/dev/rfcomm"];
+
 /// The programs that have this device open, other than this one: `minicom (process 1234)`. Of other
 /// people's programs only root is told.
 pub fn holders_for_long(device: &str) -> Vec<String> {
@@ -20,6 +23,11 @@ pub fn holders_for_long(device: &str) -> Vec<String> {
 
 fn holders(device: &str) -> Vec<String> {
     let Ok(device) = fs::canonicalize(device) else { return Vec::new() };
+    // Everybody has /dev/null.
+    let is_port = |name: &str| SERIAL.iter().any(|begin| name.starts_with(begin));
+    if !device.to_str().is_some_and(is_port) {
+        return Vec::new();
+    }
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     numbers
