@@ -188,27 +188,24 @@ fn an_arm_that_another_host_has_is_left_to_it() {
 fn a_cm5_gets_info_and_watch_and_says_what_it_has_not() {
     let board = Board::start(&["cm5", "--servos", "3,7"]);
     let serial = format!("serial:{}@1000000", board.place("serial"));
-    let watched = handwheel(&tcp(&board), "watch --for 100ms");
-    assert!(
-        watched.status == 0 && watched.out.contains("the CM-5 waits for its host"),
-        "{watched:?}"
-    );
+    for link in [tcp(&board), serial.clone()] {
+        assert_eq!(handwheel(&link, "--json info").json()["servos"], json!([3, 7]));
+        let watched = handwheel(&link, "watch --for 100ms");
+        let waits = watched.out.contains("the CM-5 waits for its host");
+        assert!(watched.status == 0 && waits, "{watched:?}");
+        handwheel(&link, "get").failed("constants of its firmware");
+        handwheel(&link, "stop").failed("a CM-5 has no motors");
+        handwheel(&link, "faults").failed("a CM-5 has no faults");
+    }
     // Its host, whose answer to the hello begins the reports.
     let mut host = board.tcp();
     let limits = [protocol::cm5::Limits::new(0, 1023).unwrap()];
     let mut buffer = [0; 20];
     let answer = protocol::cm5::HelloAnswer::encode(0, &limits, &mut buffer).unwrap();
     std::io::Write::write_all(&mut host, answer).unwrap();
-    for link in [tcp(&board), serial] {
-        assert_eq!(handwheel(&link, "--json info").json()["servos"], json!([3, 7]));
-        let watched = handwheel(&link, "--json watch --for 1s").out;
-        let first: Value = serde_json::from_str(watched.lines().next().unwrap()).unwrap();
-        assert_eq!(
-            (&first["servos"][1]["id"], &first["servos"][1]["answers"]),
-            (&json!(7), &json!(true))
-        );
-        handwheel(&link, "get").failed("constants of its firmware");
-        handwheel(&link, "stop").failed("a CM-5 has no motors");
-        handwheel(&link, "faults").failed("a CM-5 has no faults");
-    }
+    let watched = handwheel(&serial, "--json watch --for 3s").out;
+    let last: Value = serde_json::from_str(watched.lines().last().unwrap()).unwrap();
+    let servo = &last["servos"][1];
+    assert_eq!((&servo["id"], &servo["reports"]), (&json!(7), &json!(true)));
+    assert_eq!(servo["voltage_v"], 12.0);
 }

@@ -184,7 +184,7 @@ mod tests {
             (text().replace("format = 1", "format = 2"), "newer handwheel"),
             (text().replace("\"pms5005\"", "\"pioneer-arm\""), "a backup of a pioneer-arm"),
             (text().replace("[settings]", "[setings]"), "not a backup"),
-            (text().replace("= 50", "="), "line 11: no TOML"),
+            (text().replace("= 50", "="), "line 12: no TOML"),
             (text() + "\"telemetry period\" = 1\n", "no TOML"),
             (text() + "[extra]\n", "[extra]"),
             (String::new(), "not a backup"),

@@ -177,10 +177,15 @@ impl Context<'_, '_> {
             let list: Vec<_> = servos
                 .iter()
                 .map(|servo| {
-                    json!({
-                        "id": servo.id, "reports": servo.registers.is_some(),
-                        "position_speed_load_voltage_dv_temperature_c": servo.registers,
-                    })
+                    let mut told = json!({ "id": servo.id, "reports": servo.registers.is_some() });
+                    if let Some([position, speed, load, voltage, temperature]) = servo.registers {
+                        told["position"] = position.into();
+                        told["speed"] = speed.into();
+                        told["load"] = load.into();
+                        told["voltage_v"] = (f64::from(voltage) / 10.0).into();
+                        told["temperature_c"] = temperature.into();
+                    }
+                    told
                 })
                 .collect();
             self.show(

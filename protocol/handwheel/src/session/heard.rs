@@ -66,7 +66,7 @@ impl Ear {
                     self.cm5_packets = self.cm5_packets.saturating_add(1);
                 }
                 let is_hello = Hello::parse(params).is_some_and(|hello| !hello.ids.is_empty());
-                if is_hello || self.cm5_packets >= CM5_PACKETS {
+                if self.only.is_some() || is_hello || self.cm5_packets >= CM5_PACKETS {
                     heard.push((Personality::Cm5, frame));
                 }
             }
