@@ -27,7 +27,7 @@ pub fn find() -> Result<Client, Error> {
 
 /// What listening to a port came to.
 enum Found {
-    Board(Box<dyn Transport>, Session),
+    Board(Box<dyn Transport>, Box<Session>),
     /// So many bytes, none of a board.
     Noise(u64),
     Closed(Error),
@@ -59,7 +59,7 @@ pub fn find_among(ports: &[String], tcp: &str) -> Result<Client, Error> {
         0 => {}
         1 => {
             if let Some((port, transport, session)) = boards.pop() {
-                return Client::over(Link::Serial(port.clone(), DEFAULT_BAUD), transport, session);
+                return Client::over(Link::Serial(port.clone(), DEFAULT_BAUD), transport, *session);
             }
         }
         count => {
@@ -98,7 +98,7 @@ fn listen(port: &str) -> Found {
             Err(_) => break,
         }
         if session.personality().is_some() {
-            return Found::Board(transport, session);
+            return Found::Board(transport, Box::new(session));
         }
     }
     Found::Noise(session.received())

@@ -15,6 +15,8 @@ use crate::session::{Event, Personality, Reply};
 pub(super) struct Opened {
     is_ours: bool,
     name: Option<[String; 3]>,
+    /// How its state is read, once that was asked; in force since the arm's start.
+    dialect: Option<Dialect>,
 }
 
 /// A Pioneer Arm, told in full.
@@ -46,7 +48,7 @@ impl Client {
             found
         };
         if is_open(self) {
-            self.arm = Some(Opened { is_ours: false, name: None });
+            self.arm = Some(Opened { is_ours: false, name: None, dialect: None });
             return Ok(());
         }
         let mut name = None;
@@ -58,7 +60,7 @@ impl Client {
                 name = Some([names.name, names.class, names.subclass].map(str::to_owned));
             }
         }
-        self.arm = Some(Opened { is_ours: true, name });
+        self.arm = Some(Opened { is_ours: true, name, dialect: None });
         self.packet(&Packet { id: command::OPEN, data: &[] }, Standard::ID, "a session").map(drop)
     }
 
@@ -94,11 +96,18 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn arm_status(&mut self) -> Result<ArmStatus, Error> {
-        let dialect = match self.setting("arm dialect").map(|setting| setting.value) {
-            Ok(1) => Dialect::Manual(MotionBits::ZeroToFive),
-            Ok(2) => Dialect::Aria,
-            _ => Dialect::Manual(MotionBits::OneToSix),
+        let known = self.arm.as_ref().and_then(|opened| opened.dialect);
+        let dialect = match known {
+            Some(dialect) => dialect,
+            None => match self.setting("arm dialect").map(|setting| setting.value) {
+                Ok(1) => Dialect::Manual(MotionBits::ZeroToFive),
+                Ok(2) => Dialect::Aria,
+                _ => Dialect::Manual(MotionBits::OneToSix),
+            },
         };
+        if let Some(opened) = &mut self.arm {
+            opened.dialect = Some(dialect);
+        }
         let what = "its arm's state";
         let once = ArmCommand::Status(StatusRequest::Once);
         match self.arm_command(once, ArmStatus::ID, what)? {

@@ -172,7 +172,7 @@ impl Client {
 /// Number of the setting "link timeout".
 const LINK_TIMEOUT: u16 = 1;
 
-/// A motor that is driven. See the [module](self).
+/// A motor that is driven: kept running for as long as this is held, and stopped when it ends.
 pub struct Drive<'c> {
     client: &'c mut Client,
     motor: Number,

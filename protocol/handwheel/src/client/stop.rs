@@ -219,7 +219,7 @@ mod tests {
     fn a_shaft_stands_when_every_sensor_that_sees_it_rests() {
         let (mut shafts, one) = (Shafts::default(), [Number::ONE]);
         assert_eq!(shafts.stand(&one, MS), None);
-        shafts.see(&Event::State(MachineState::default()), 0 * MS);
+        shafts.see(&Event::State(MachineState::default()), Duration::ZERO);
         assert_eq!(shafts.stand(&one, 100 * MS), Some(false));
         assert_eq!(shafts.stand(&one, 150 * MS), Some(true));
         // Its encoder turns, though the channel goes by a potentiometer that is not there.

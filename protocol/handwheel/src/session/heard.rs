@@ -62,7 +62,7 @@ impl Ear {
         if listens(Personality::Cm5) {
             for frame in frames(&mut self.cm5, bytes) {
                 let params = cm5::params_of(&frame).unwrap_or_default();
-                if params.len() % cm5::Feedback::BYTES == 0 && !params.is_empty() {
+                if params.len().is_multiple_of(cm5::Feedback::BYTES) && !params.is_empty() {
                     self.cm5_packets = self.cm5_packets.saturating_add(1);
                 }
                 let is_hello = Hello::parse(params).is_some_and(|hello| !hello.ids.is_empty());

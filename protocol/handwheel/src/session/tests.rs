@@ -42,7 +42,7 @@ fn nothing_is_written_unasked() {
 #[test]
 fn a_request_without_an_answer_is_sent_four_times_and_given_up() {
     let mut session = session();
-    session.ask(&Request::Identity, 0 * MS).unwrap();
+    session.ask(&Request::Identity, Duration::ZERO).unwrap();
     let mut sent = 0;
     for ms in 0..2500 {
         session.advance(MS * ms);
@@ -75,7 +75,7 @@ fn an_answer_about_another_setting_is_another_hosts() {
     };
     use protocol::extension::{Description, Unit};
     let mut session = session();
-    session.ask(&Request::Setting(7), 0 * MS).unwrap();
+    session.ask(&Request::Setting(7), Duration::ZERO).unwrap();
     session.receive(&told(8));
     assert_eq!(session.take_event(), None);
     session.receive(&told(7));
@@ -86,8 +86,8 @@ fn an_answer_about_another_setting_is_another_hosts() {
 #[test]
 fn what_waits_is_sent_when_the_one_before_has_its_answer() {
     let mut session = session();
-    session.ask(&Request::Identity, 0 * MS).unwrap();
-    session.ask(&Request::Do(Action::Save), 0 * MS).unwrap();
+    session.ask(&Request::Identity, Duration::ZERO).unwrap();
+    session.ask(&Request::Do(Action::Save), Duration::ZERO).unwrap();
     assert!(session.take_output().is_some());
     assert_eq!(session.take_output(), None);
     session.receive(&answer(&Answer::Identity(IDENTITY)));
@@ -103,7 +103,7 @@ fn what_waits_is_sent_when_the_one_before_has_its_answer() {
 #[test]
 fn a_busy_board_is_asked_again_in_a_moment() {
     let mut session = session();
-    session.ask(&Request::Do(Action::Save), 0 * MS).unwrap();
+    session.ask(&Request::Do(Action::Save), Duration::ZERO).unwrap();
     session.take_output().unwrap();
     session.receive(&answer(&Answer::Outcome(Outcome::of_action(Action::Save, Verdict::Busy))));
     session.advance(10 * MS);
@@ -116,7 +116,7 @@ fn a_busy_board_is_asked_again_in_a_moment() {
 #[test]
 fn signs_of_life_are_sent_only_while_it_drives() {
     let mut session = session();
-    session.drive(Some(500 * MS), 0 * MS);
+    session.drive(Some(500 * MS), Duration::ZERO);
     let mut pings = 0;
     for ms in 0..2000 {
         session.advance(MS * ms);
@@ -131,7 +131,7 @@ fn signs_of_life_are_sent_only_while_it_drives() {
 #[test]
 fn a_command_is_sent_again_until_it_is_acknowledged() {
     let mut session = session();
-    session.command(&Command::GpioOutputs(0xA5), 0 * MS).unwrap();
+    session.command(&Command::GpioOutputs(0xA5), Duration::ZERO).unwrap();
     let first = session.take_output().unwrap();
     session.advance(500 * MS);
     assert_eq!(session.take_output(), Some(first));
