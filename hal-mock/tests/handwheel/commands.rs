@@ -134,6 +134,34 @@ fn every_command(board: &Board, link: &str) {
     std::fs::remove_dir_all(files).unwrap();
 }
 
+#[test]
+fn a_restored_machine_is_the_same_after_a_restart() {
+    let files = directory("restart");
+    let file = |name: &str| files.join(name).display().to_string();
+    let start = || {
+        let flash = file("flash");
+        let board =
+            Board::start(&["--udp", "127.0.0.1:0", "--line-rate", "0", "--settings", &flash]);
+        let link = format!("tcp:{}", board.place("TCP"));
+        (board, link)
+    };
+    let all = |link: &str| handwheel(link, "--json get").json();
+    let (board, link) = start();
+    for words in ["set telemetry period 40", "set velocity Kp 1 20", "set soft limit high 2 3000"] {
+        assert_eq!(handwheel(&link, words).status, 0, "{words}");
+    }
+    let before = all(&link);
+    for words in [&format!("backup {}", file("all")), "reset", &format!("restore {}", file("all"))]
+    {
+        assert_eq!(handwheel(&link, words).status, 0, "{words}");
+    }
+    drop(board);
+    let (_board, link) = start();
+    assert_eq!(all(&link), before);
+    assert!(handwheel(&link, "info").out.contains("settings at its start: as saved"));
+    std::fs::remove_dir_all(&files).unwrap();
+}
+
 /// 128 x 64, every other pixel.
 fn checkerboard(file: &str) {
     let mut encoder = png::Encoder::new(std::fs::File::create(file).unwrap(), 128, 64);

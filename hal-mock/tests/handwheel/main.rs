@@ -4,6 +4,7 @@
 
 mod auto;
 mod commands;
+mod older;
 mod others;
 #[path = "../program/mod.rs"]
 mod program;

@@ -227,7 +227,7 @@ fn block(state: &MachineState, time_ms: u64, title: &str) -> String {
             let _ = writeln!(text, "! {warning}");
         }
     };
-    warn(flag::FAULT, "a fault is latched: `handwheel faults`");
+    warn(flag::FAULT, "a fault is on record: `handwheel faults` says which, and what to do");
     warn(flag::OBSTACLE, "the collision protection sees an obstacle");
     warn(flag::LINK_LOST, "no host drives: silent for longer than the link timeout");
     let others = driven(state);
