@@ -63,6 +63,12 @@ pub enum Error {
     /// What was driven does not run any more; the text says why.
     #[error("{0}")]
     Stopped(String),
+    /// What is no value at all; the text says how one is written.
+    #[error("{0}")]
+    NoValue(String),
+    /// Settings that could not all be set; the text says why, and which are in force now.
+    #[error("{0}")]
+    NotSet(String),
     /// A file that cannot be used; the text names it, and why.
     #[error("{0}")]
     File(String),

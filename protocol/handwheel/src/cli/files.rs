@@ -103,7 +103,7 @@ fn put(client: &mut Client, before: &Settings, plan: &Plan) -> Result<(), Error>
             !now.iter().any(|found| found.number == setting.number && found.value == *value)
         });
         match wrong {
-            Some((setting, _)) => Err(Error::File(format!(
+            Some((setting, _)) => Err(Error::NotSet(format!(
                 "{}: the board has another value than it was given; another host may set settings",
                 setting.name
             ))),
@@ -113,8 +113,8 @@ fn put(client: &mut Client, before: &Settings, plan: &Plan) -> Result<(), Error>
     done.map_err(|error| {
         let old: Vec<_> = plan.changes.iter().map(|(s, _)| (s.number, s.value)).collect();
         match client.assign_all(before, &old) {
-            Ok(()) => Error::File(format!("{error}; the settings are as before")),
-            Err(second) => Error::File(format!("{error}; and they could not be undone ({second}): they are in force, and not saved; restart the board to have those that were saved")),
+            Ok(()) => Error::NotSet(format!("{error}; the settings are as before")),
+            Err(second) => Error::NotSet(format!("{error}; and they could not be undone ({second}): they are in force, and not saved; restart the board to have those that were saved")),
         }
     })
 }

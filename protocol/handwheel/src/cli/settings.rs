@@ -12,7 +12,7 @@ impl Context<'_, '_> {
     /// All settings, the one of this name, or those of it with any number.
     pub fn get(&mut self, name: &str) -> Outcome {
         let mut client = self.connect()?;
-        let all = client.settings()?;
+        let all = client.settings_until(|setting| setting.name.eq_ignore_ascii_case(name))?;
         let of_name = |setting: &&Setting| {
             let stem = setting.name.rsplit_once(' ').filter(|(_, digit)| digit.len() == 1);
             setting.name.eq_ignore_ascii_case(name)
@@ -41,11 +41,10 @@ impl Context<'_, '_> {
         let (value, name) = words.split_last().map_or(("", &[][..]), |(v, n)| (v.as_str(), n));
         let name = name.join(" ");
         let value: i64 = value.parse().map_err(|_| {
-            Error::File(format!("{value}: the value of a setting is a whole number"))
+            Error::NoValue(format!("{value}: the value of a setting is a whole number"))
         })?;
         let mut client = self.connect()?;
-        let all = client.settings()?;
-        let before = client::find(&all, &name)?.clone();
+        let before = client.setting(&name)?;
         let value = client::check(&before, value)?;
         let set = client.set_known(&before, value)?;
         let when = match set.name.starts_with("arm ") || set.name.starts_with("joint ") {

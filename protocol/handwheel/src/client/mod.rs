@@ -237,7 +237,7 @@ impl Client {
         match failure {
             Failure::NoAnswer => Error::NoAnswer(what),
             Failure::Refused(verdict, number) => {
-                let setting = (number != 0).then(|| format!("setting {number}"));
+                let setting = (number != 0).then(|| settings::number_of(number));
                 Error::Refused { verdict, setting }
             }
             Failure::NotCarried => Error::NotCarried(self.personality(), what, ""),

@@ -34,12 +34,20 @@ impl Client {
     /// # Errors
     /// As all requests; [`Error::NotCarried`] by a board without the extension.
     pub fn settings(&mut self) -> Result<Settings, Error> {
+        self.settings_until(|_| false)
+    }
+
+    /// Settings up to the first that is `wanted`, or all.
+    ///
+    /// # Errors
+    /// As [`settings`](Self::settings).
+    pub fn settings_until(&mut self, wanted: impl Fn(&Setting) -> bool) -> Result<Settings, Error> {
         let mut settings = Settings::new();
         let mut next = Some(0);
         while let Some(number) = next {
             let setting = self.numbered(number)?;
             // A list that does not rise would have no end.
-            next = setting.next.filter(|&next| next > setting.number);
+            next = setting.next.filter(|&next| next > setting.number && !wanted(&setting));
             settings.push(setting);
         }
         Ok(settings)
@@ -50,7 +58,8 @@ impl Client {
     /// # Errors
     /// [`Error::UnknownName`]; as all requests.
     pub fn setting(&mut self, name: &str) -> Result<Setting, Error> {
-        find(&self.settings()?, name).cloned()
+        let is_it = |setting: &Setting| setting.name.eq_ignore_ascii_case(name);
+        find(&self.settings_until(is_it)?, name).cloned()
     }
 
     /// The setting of this number.
@@ -84,7 +93,8 @@ impl Client {
     /// As [`set`](Self::set).
     pub fn set_known(&mut self, setting: &Setting, value: i32) -> Result<Setting, Error> {
         check(setting, value.into())?;
-        self.assign(&[(setting.number, value)])?;
+        let assigned = self.assign(&[(setting.number, value)]);
+        assigned.map_err(|error| with_name(error, std::slice::from_ref(setting)))?;
         self.numbered(setting.number)
     }
 
@@ -98,6 +108,7 @@ impl Client {
         let parts = parts(values, most);
         for (k, part) in parts.iter().enumerate() {
             let Err(error) = self.assign(part) else { continue };
+            let error = with_name(error, now);
             for done in parts.iter().take(k).rev() {
                 let before: Vec<_> = done
                     .iter()
@@ -106,7 +117,7 @@ impl Client {
                         Some((number, setting.value))
                     })
                     .collect();
-                self.assign(&before).map_err(|second| Error::File(format!(
+                self.assign(&before).map_err(|second| Error::NotSet(format!(
                     "{error}; and the first settings could not be undone ({second}): they are in force, and not saved; restart the board to have those that were saved"
                 )))?;
             }
@@ -141,6 +152,23 @@ impl Client {
     pub fn factory_reset(&mut self) -> Result<(), Error> {
         self.act(Action::FactoryReset, "reset its settings")
     }
+}
+
+/// A refusal with the name of the setting that it is about.
+fn with_name(error: Error, settings: &[Setting]) -> Error {
+    match error {
+        Error::Refused { verdict, setting: Some(number) } => {
+            let is_it = |setting: &&Setting| number_of(setting.number) == number;
+            let name = settings.iter().find(is_it).map(|setting| setting.name.clone());
+            Error::Refused { verdict, setting: name.or(Some(number)) }
+        }
+        other => other,
+    }
+}
+
+/// How a setting is called whose name is not known.
+pub(super) fn number_of(number: u16) -> String {
+    format!("setting {number}")
 }
 
 /// Whether a value is in its setting's range.
