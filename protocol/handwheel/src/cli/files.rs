@@ -45,7 +45,8 @@ impl Context<'_, '_> {
         let text = read(file)?;
         let mut client = self.connect()?;
         let before = client.settings()?;
-        let plan = plan(file, &text, &client, &before)?;
+        let plan = plan(file, &text, &client, &before)
+            .map_err(|error| Error::File(format!("{error}; nothing was changed")))?;
         all_off(&mut client)?;
         if let Err(error) = put(&mut client, &before, &plan) {
             return Err(named(file, error.to_string()));
@@ -145,7 +146,7 @@ fn read(file: &Path) -> Result<String, Error> {
 
 fn plan(file: &Path, text: &str, client: &Client, board: &Settings) -> Result<Plan, Error> {
     let plan = backup::check(text, client.personality(), board);
-    plan.map_err(|error| named(file, format!("{error}; nothing was changed")))
+    plan.map_err(|error| named(file, error.to_string()))
 }
 
 fn named(file: &Path, what: String) -> Error {
