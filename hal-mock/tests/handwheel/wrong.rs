@@ -47,6 +47,9 @@ fn a_port_that_somebody_has_is_refused_and_he_is_named() {
     holder.kill().unwrap();
     said.failed(&format!("(process {}) has it; end that program first", holder.id()));
     holder.wait().unwrap();
+    // One that locks it, and is this very program: nobody to be named.
+    let _locked = serialport::new(device, 115_200).open().unwrap();
+    handwheel(&format!("serial:{device}"), "info").failed("another program has it");
 }
 
 /// A server whose clients get these bytes, again and again.

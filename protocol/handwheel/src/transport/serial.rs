@@ -43,21 +43,21 @@ fn busy(device: &str, others: &[String]) -> Error {
 }
 
 fn explained(device: &str, error: &serialport::Error) -> Error {
-    let text = error.to_string();
-    let is_busy = text.contains("busy") || text.contains("temporarily unavailable");
+    let exists = std::path::Path::new(device).exists();
     let kind = match error.kind() {
-        serialport::ErrorKind::Io(kind) => kind,
+        // What serialport makes of a port that another program has locked.
+        serialport::ErrorKind::NoDevice if exists => {
+            return busy(device, &holders_for_long(device));
+        }
         serialport::ErrorKind::NoDevice => ErrorKind::NotFound,
+        serialport::ErrorKind::Io(kind) => kind,
         _ => ErrorKind::Other,
     };
-    if is_busy || matches!(kind, ErrorKind::ResourceBusy | ErrorKind::WouldBlock) {
-        return busy(device, &holders_for_long(device));
-    }
     let remedy = match kind {
         ErrorKind::PermissionDenied => {
             "no permission; join the group that owns it (`sudo usermod -aG dialout $USER`) and log in again".into()
         }
-        _ if !std::path::Path::new(device).exists() => match ports() {
+        _ if !exists => match ports() {
             ports if ports.is_empty() => "no such device; this computer has no serial ports".into(),
             ports => format!("no such device; there are {}", ports.join(", ")),
         },
