@@ -25,6 +25,11 @@ pub fn find() -> Result<Client, Error> {
     find_among(&transport::ports(), VIRTUAL_BOARD)
 }
 
+/// The same, heard and not asked anything yet.
+pub(crate) fn hear() -> Result<Client, Error> {
+    hear_among(&transport::ports(), VIRTUAL_BOARD)
+}
+
 /// What listening to a port came to.
 enum Found {
     Board(Box<dyn Transport>, Box<Session>),
@@ -38,6 +43,12 @@ enum Found {
 /// # Errors
 /// As [`find`].
 pub fn find_among(ports: &[String], tcp: &str) -> Result<Client, Error> {
+    let mut client = hear_among(ports, tcp)?;
+    client.meet()?;
+    Ok(client)
+}
+
+fn hear_among(ports: &[String], tcp: &str) -> Result<Client, Error> {
     let found = std::thread::scope(|scope| {
         let listeners: Vec<_> =
             ports.iter().map(|port| (port, scope.spawn(move || listen(port)))).collect();
@@ -59,7 +70,8 @@ pub fn find_among(ports: &[String], tcp: &str) -> Result<Client, Error> {
         0 => {}
         1 => {
             if let Some((port, transport, session)) = boards.pop() {
-                return Client::over(Link::Serial(port.clone(), DEFAULT_BAUD), transport, *session);
+                let link = Link::Serial(port.clone(), DEFAULT_BAUD);
+                return Ok(Client::new(link, transport, *session));
             }
         }
         count => {
@@ -73,7 +85,11 @@ pub fn find_among(ports: &[String], tcp: &str) -> Result<Client, Error> {
     }
     let link = Link::Tcp(tcp.into());
     match transport::open(&link) {
-        Ok(transport) => Client::over(link, transport, Session::new()),
+        Ok(transport) => {
+            let mut client = Client::new(link, transport, Session::new());
+            client.find_out()?;
+            Ok(client)
+        }
         Err(_) => {
             others.push(format!("{link} (nobody listens)"));
             Err(Error::NoBoard(format!(

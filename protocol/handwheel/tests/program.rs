@@ -100,3 +100,16 @@ fn a_ctrl_c_of_the_shell_stops_the_motor() {
     assert!(text(&output.stdout).contains("motor 1 is stopped"));
     assert!(told.recv_timeout(Duration::from_secs(1)).is_err(), "it says nothing more");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_stop_is_the_first_thing_that_is_said() {
+    use protocol::pms5005::did;
+
+    let (link, told) = board();
+    let stop = handwheel(&["--link", &link, "--json", "stop"]);
+    assert_eq!(stop.status.code(), Some(0), "{stop:?}");
+    let said: Vec<_> = told.iter().collect();
+    assert_eq!(said[0], (did::RUN, vec![0]));
+    assert_eq!(said[1], (did::PWM_ALL, [0x00, 0x40].repeat(6)));
+}

@@ -5,7 +5,8 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{ANSWER_IS_NO, Context, DONE, Hold, Outcome, time};
-use crate::client::{Stopped, Target};
+use crate::client::{Client, Stopped, Target};
+use crate::link::Link;
 use crate::number::Number;
 use crate::words;
 
@@ -76,8 +77,7 @@ impl Context<'_, '_> {
 
     /// Stops everything.
     pub fn stop(&mut self) -> Outcome {
-        let mut client = self.connect()?;
-        let stopped = client.stop()?;
+        let (_, stopped) = Client::connect_and_stop(&self.link.parse::<Link>()?)?;
         let after = stopped.after.as_millis();
         self.say(&match (stopped.confirmed, stopped.stands) {
             (false, _) => "stop sent and NOT confirmed: something drives on; another host may send commands: end it, or cut the motors' supply".into(),

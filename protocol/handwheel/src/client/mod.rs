@@ -66,6 +66,29 @@ impl Client {
         }
     }
 
+    /// Opens a link, and stops everything there before anything else is asked: on a link that is named, even
+    /// before anything is heard.
+    ///
+    /// # Errors
+    /// As [`connect`](Self::connect) and [`stop`](Self::stop).
+    pub fn connect_and_stop(link: &Link) -> Result<(Self, Stopped), Error> {
+        let mut client = match link {
+            Link::Auto => auto::hear()?,
+            link => {
+                let mut client = Self::new(link.clone(), transport::open(link)?, Session::new());
+                client.stop_unheard()?;
+                client.find_out()?;
+                client
+            }
+        };
+        if client.personality() == Personality::Pms5005 {
+            client.stop_unheard()?;
+        }
+        client.meet()?;
+        let stopped = client.stop()?;
+        Ok((client, stopped))
+    }
+
     /// Finds out what is at the other end of an open transport. The link is for messages.
     ///
     /// # Errors
@@ -75,7 +98,14 @@ impl Client {
         transport: Box<dyn Transport>,
         session: Session,
     ) -> Result<Self, Error> {
-        let mut client = Self {
+        let mut client = Self::new(link, transport, session);
+        client.find_out()?;
+        client.meet()?;
+        Ok(client)
+    }
+
+    pub(crate) fn new(link: Link, transport: Box<dyn Transport>, session: Session) -> Self {
+        Self {
             link,
             transport,
             session,
@@ -84,16 +114,20 @@ impl Client {
             identity: None,
             arm: None,
             state: None,
-        };
-        match client.find_out()? {
-            Personality::Pms5005 => client.identity = client.asked_who()?,
+        }
+    }
+
+    /// Asks who it is, now that it is known what.
+    pub(crate) fn meet(&mut self) -> Result<(), Error> {
+        match self.personality() {
+            Personality::Pms5005 => self.identity = self.asked_who()?,
             Personality::Arcos => {
-                client.open_arm()?;
-                client.identity = client.asked_who()?;
+                self.open_arm()?;
+                self.identity = self.asked_who()?;
             }
             Personality::Cm5 => {}
         }
-        Ok(client)
+        Ok(())
     }
 
     /// The link it is at.
@@ -288,7 +322,7 @@ impl Client {
 
     /// Listens until it is known what is there. A UDP peer says nothing before it is spoken to, nor does
     /// a robot that waits for SYNC0; what is said to them moves nothing and keeps nothing running.
-    fn find_out(&mut self) -> Result<Personality, Error> {
+    pub(crate) fn find_out(&mut self) -> Result<Personality, Error> {
         let is_udp = matches!(self.link, Link::Udp(_));
         let mut speaks = if is_udp { Duration::ZERO } else { SPEAK };
         let mut is_sync = false;

@@ -24,6 +24,16 @@ const STOPS: u8 = 3;
 /// An encoder's counts in the telemetry wrap here.
 const WRAP: i32 = 32_768;
 
+/// All off, at once.
+const SUSPEND: Command<'static> = Command::Run { scope: Scope::All, run: false };
+/// No drive: what is suspended would go on with its move when it is resumed.
+const NEUTRAL_ALL: Command<'static> = Command::Move(Move {
+    quantity: Quantity::Pwm,
+    addressing: Addressing::All,
+    targets: [Some(NEUTRAL); CHANNELS],
+    periods: 0,
+});
+
 /// How a stop came out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stopped {
@@ -134,21 +144,14 @@ impl Client {
             return Ok(Stopped { stands: Some(stands), confirmed: stands, after, position: None });
         }
         self.needs_a_pms5005("motors to be stopped")?;
-        let neutral = Command::Move(Move {
-            quantity: Quantity::Pwm,
-            addressing: Addressing::All,
-            targets: [Some(NEUTRAL); CHANNELS],
-            periods: 0,
-        });
-        let suspend = Command::Run { scope: Scope::All, run: false };
         let all: Vec<_> = Number::all().collect();
         let mut stopped =
             Stopped { stands: None, confirmed: false, after: Duration::ZERO, position: None };
         for _ in 0..STOPS {
             // Off at once, and then without a move that a resume would go on with.
-            self.session.send(&suspend);
-            self.command(&neutral, "a stop")?;
-            self.command(&suspend, "a stop")?;
+            self.session.send(&SUSPEND);
+            self.command(&NEUTRAL_ALL, "a stop")?;
+            self.command(&SUSPEND, "a stop")?;
             let mut shafts = Shafts::default();
             if !self.has_state() {
                 stopped.confirmed = true;
@@ -166,6 +169,14 @@ impl Client {
         }
         stopped.after = self.now() - begun;
         Ok(stopped)
+    }
+
+    /// Sends a PMS5005's stop, and does not wait.
+    pub(super) fn stop_unheard(&mut self) -> Result<(), Error> {
+        for command in [SUSPEND, NEUTRAL_ALL, SUSPEND] {
+            self.session.send(&command);
+        }
+        self.pump(Duration::ZERO)
     }
 
     /// Watches until these shafts stand, or until `end`.
