@@ -15,6 +15,8 @@ use super::Personality;
 /// the machine state takes 70 ms at 19200 baud, and up to eight answers may stand before it.
 const PATIENCE: Duration = Duration::from_millis(500);
 const TRIES: u8 = 4;
+/// The first question: an original never answers it, and its host is not to wait for long.
+const TRIES_TO_MEET: u8 = 2;
 /// The flash of a board takes up to 3 s for a save.
 const LONG_PATIENCE: Duration = Duration::from_secs(5);
 /// How long a board may be busy with something else.
@@ -148,6 +150,9 @@ impl Exchange {
             Personality::Cm5 => return Err(Failure::NotCarried),
         };
         let mut exchange = Self { asked, ..Self::new(bytes, wants) };
+        if *request == Request::Identity {
+            exchange.tries = TRIES_TO_MEET;
+        }
         if let Request::Do(action) = request
             && *action != Action::ClearFaults
         {

@@ -42,7 +42,7 @@ fn nothing_is_written_unasked() {
 #[test]
 fn a_request_without_an_answer_is_sent_four_times_and_given_up() {
     let mut session = session();
-    session.ask(&Request::Identity, Duration::ZERO).unwrap();
+    session.ask(&Request::Counters, Duration::ZERO).unwrap();
     let mut sent = 0;
     for ms in 0..2500 {
         session.advance(MS * ms);
