@@ -1,0 +1,387 @@
+//! What a host program uses: a board behind a link, asked and driven, blocking.
+//!
+//! - here: the connection, and what a board is asked about itself;
+//! - `settings`: settings by name;
+//! - `motion`: what moves something; `stop`: what stops it, and how a shaft is known to stand;
+//! - `streams`: telemetry and machine state, one after the other;
+//! - `arm`: the session of ARCOS that a Pioneer Arm wants around all of it.
+
+mod arm;
+mod motion;
+mod settings;
+mod stop;
+mod streams;
+
+use std::time::{Duration, Instant};
+
+use protocol::extension::{
+    Action, Counters, FaultRecord, Health, Identity, MachineState, Mode, Refusals, Request, flag,
+};
+use protocol::pms5005::{Command, MAX_FRAME};
+
+use crate::auto;
+use crate::error::Error;
+use crate::link::Link;
+use crate::number::Number;
+use crate::session::{Event, Failure, Personality, Reply, Session};
+use crate::transport::{self, Transport};
+
+pub use arm::Arm;
+pub use motion::{Drive, Target};
+pub(crate) use settings::check;
+pub use settings::{Settings, find};
+pub use stop::Stopped;
+pub use streams::{Reports, Servo, Servos, States};
+
+/// How long one read waits; nothing is later than that.
+const TICK: Duration = Duration::from_millis(10);
+/// A board says something at least once a second, and a CM-5's hello comes once a second.
+const HEAR: Duration = Duration::from_millis(2500);
+/// On a link that the user has named, when a board that is silent is first spoken to.
+const SPEAK: Duration = Duration::from_millis(300);
+
+/// A connected board. Dropped, it ends what it has begun: streams, and a session of ARCOS.
+pub struct Client {
+    link: Link,
+    transport: Box<dyn Transport>,
+    session: Session,
+    clock: Instant,
+    /// When bytes came last.
+    heard: Duration,
+    identity: Option<Identity>,
+    /// A session of ARCOS is open, and whether it is ours to close.
+    arm: Option<arm::Opened>,
+    state: Option<MachineState>,
+}
+
+impl Client {
+    /// Opens a link, and finds out what is there.
+    ///
+    /// # Errors
+    /// What keeps the link from being opened, [`Error::NoBoard`], [`Error::Gone`].
+    pub fn connect(link: &Link) -> Result<Self, Error> {
+        match link {
+            Link::Auto => auto::find(),
+            link => Self::over(link.clone(), transport::open(link)?, Session::new()),
+        }
+    }
+
+    /// Opens a link, and stops everything there before anything else is asked: on a link that is named, even
+    /// before anything is heard.
+    ///
+    /// # Errors
+    /// As [`connect`](Self::connect) and [`stop`](Self::stop).
+    pub fn connect_and_stop(link: &Link) -> Result<(Self, Stopped), Error> {
+        let mut client = match link {
+            Link::Auto => auto::hear()?,
+            link => {
+                let mut client = Self::new(link.clone(), transport::open(link)?, Session::new());
+                client.stop_unheard()?;
+                client.find_out()?;
+                client
+            }
+        };
+        if client.personality() == Personality::Pms5005 {
+            client.stop_unheard()?;
+        }
+        client.meet()?;
+        let stopped = client.stop()?;
+        Ok((client, stopped))
+    }
+
+    /// Finds out what is at the other end of an open transport. The link is for messages.
+    ///
+    /// # Errors
+    /// [`Error::NoBoard`], [`Error::Gone`].
+    pub fn over(
+        link: Link,
+        transport: Box<dyn Transport>,
+        session: Session,
+    ) -> Result<Self, Error> {
+        let mut client = Self::new(link, transport, session);
+        client.find_out()?;
+        client.meet()?;
+        Ok(client)
+    }
+
+    pub(crate) fn new(link: Link, transport: Box<dyn Transport>, session: Session) -> Self {
+        Self {
+            link,
+            transport,
+            session,
+            clock: Instant::now(),
+            heard: Duration::ZERO,
+            identity: None,
+            arm: None,
+            state: None,
+        }
+    }
+
+    /// Asks who it is, now that it is known what.
+    pub(crate) fn meet(&mut self) -> Result<(), Error> {
+        match self.personality() {
+            Personality::Pms5005 => self.identity = self.asked_who()?,
+            Personality::Arcos => {
+                self.open_arm()?;
+                self.identity = self.asked_who()?;
+            }
+            Personality::Cm5 => {}
+        }
+        Ok(())
+    }
+
+    /// The link it is at.
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// What it is.
+    pub fn personality(&self) -> Personality {
+        self.session.personality().unwrap_or(Personality::Pms5005)
+    }
+
+    /// Who it is; `None` for an original, or a firmware that knows no extension.
+    pub fn identity(&self) -> Option<Identity> {
+        self.identity
+    }
+
+    /// Whether it tells its machine state: since version 2 of the extension, and on lines of 16,000 baud
+    /// or more.
+    pub fn has_state(&self) -> bool {
+        let is_new = self.identity.is_some_and(|identity| identity.extension >= 2);
+        is_new && self.personality() == Personality::Pms5005 && !self.link.is_slow()
+    }
+
+    /// How it is.
+    ///
+    /// # Errors
+    /// As all requests: [`Error::NoAnswer`], [`Error::Refused`], [`Error::NotCarried`], [`Error::Gone`].
+    pub fn health(&mut self) -> Result<Health, Error> {
+        let once = protocol::pms5005::Repeat::Times(std::num::NonZeroU8::MIN);
+        match self.ask(&Request::Health(once), "its health")? {
+            Reply::Health(health) => Ok(health),
+            _ => Err(Error::NoAnswer("its health")),
+        }
+    }
+
+    /// What it has counted.
+    ///
+    /// # Errors
+    /// As all requests.
+    pub fn counters(&mut self) -> Result<Counters, Error> {
+        match self.ask(&Request::Counters, "its counters")? {
+            Reply::Counters(counters) => Ok(counters),
+            _ => Err(Error::NoAnswer("its counters")),
+        }
+    }
+
+    /// What it has refused, by reason; since version 2 of the extension.
+    ///
+    /// # Errors
+    /// As all requests.
+    pub fn refusals(&mut self) -> Result<Refusals, Error> {
+        match self.ask(&Request::Refusals, "what it refused")? {
+            Reply::Refusals(refusals) => Ok(refusals),
+            _ => Err(Error::NoAnswer("what it refused")),
+        }
+    }
+
+    /// The faults on record, 16 at the most.
+    ///
+    /// # Errors
+    /// As all requests.
+    pub fn faults(&mut self) -> Result<Vec<FaultRecord>, Error> {
+        let mut faults = Vec::new();
+        for place in 0..u8::MAX {
+            match self.ask(&Request::Fault(place), "its faults")? {
+                Reply::Fault(latched) => match latched.record {
+                    Some(record) => faults.push(record),
+                    None => break,
+                },
+                _ => return Err(Error::NoAnswer("its faults")),
+            }
+        }
+        Ok(faults)
+    }
+
+    /// Clears the latched faults, but for those of the board whose cause is still there. Moves nothing.
+    ///
+    /// # Errors
+    /// As all requests.
+    pub fn clear_faults(&mut self) -> Result<(), Error> {
+        self.act(Action::ClearFaults, "clear its faults")
+    }
+
+    /// Restarts it in its ROM's loader.
+    ///
+    /// # Errors
+    /// As all requests.
+    pub fn reboot_into_dfu(&mut self) -> Result<(), Error> {
+        self.act(Action::RebootIntoDfu, "enter its loader")
+    }
+
+    /// The machine state of this moment, `None` from a board that does not tell it.
+    ///
+    /// # Errors
+    /// As all requests.
+    pub fn state(&mut self) -> Result<Option<MachineState>, Error> {
+        if !self.has_state() {
+            return Ok(None);
+        }
+        let once = protocol::pms5005::Repeat::Times(std::num::NonZeroU8::MIN);
+        match self.ask(&Request::State(once), "its machine state")? {
+            Reply::State(state) => Ok(Some(state)),
+            _ => Err(Error::NoAnswer("its machine state")),
+        }
+    }
+
+    fn act(&mut self, action: Action, what: &'static str) -> Result<(), Error> {
+        self.ask(&Request::Do(action), what).map(drop)
+    }
+
+    /// Sends a request and waits for what comes of it.
+    fn ask(&mut self, request: &Request<'_>, what: &'static str) -> Result<Reply, Error> {
+        let begun = self.session.ask(request, self.now());
+        begun.map_err(|failure| self.failed(failure, what))?;
+        self.wait(what)
+    }
+
+    /// Sends a command and waits until it is acknowledged.
+    fn command(&mut self, command: &Command<'_>, what: &'static str) -> Result<(), Error> {
+        self.needs_a_pms5005(what)?;
+        let begun = self.session.command(command, self.now());
+        begun.map_err(|failure| self.failed(failure, what))?;
+        self.wait(what).map(drop)
+    }
+
+    fn needs_a_pms5005(&self, what: &'static str) -> Result<(), Error> {
+        match self.personality() {
+            Personality::Pms5005 => Ok(()),
+            other => {
+                let instead = match other {
+                    Personality::Cm5 => "; it carries `info` and `watch`",
+                    _ => "; it carries `info`, `watch`, `stop`, faults and settings",
+                };
+                Err(Error::NotCarried(other, what, instead))
+            }
+        }
+    }
+
+    fn failed(&mut self, failure: Failure, what: &'static str) -> Error {
+        match failure {
+            Failure::NoAnswer => Error::NoAnswer(what),
+            Failure::Refused(verdict, number) => {
+                let setting = (number != 0).then(|| settings::number_of(number));
+                Error::Refused { verdict, setting }
+            }
+            Failure::NotCarried => Error::NotCarried(self.personality(), what, ""),
+        }
+    }
+
+    /// Waits for what comes of the exchange under way.
+    fn wait(&mut self, what: &'static str) -> Result<Reply, Error> {
+        loop {
+            while let Some(event) = self.session.take_event() {
+                match event {
+                    Event::Answered(reply) => return Ok(reply),
+                    Event::Failed(failure) => return Err(self.failed(failure, what)),
+                    other => self.note(&other),
+                }
+            }
+            self.pump(TICK)?;
+        }
+    }
+
+    fn note(&mut self, event: &Event) {
+        if let Event::State(state) = event {
+            self.state = Some(*state);
+        }
+    }
+
+    /// Time since the connection was made.
+    fn now(&self) -> Duration {
+        self.clock.elapsed()
+    }
+
+    /// Writes what is to be written, and reads what has come.
+    fn pump(&mut self, patience: Duration) -> Result<(), Error> {
+        let gone = |link: &Link, error| Error::Gone(link.to_string(), error);
+        self.session.advance(self.clock.elapsed());
+        while let Some(frame) = self.session.take_output() {
+            self.transport.write(&frame).map_err(|error| gone(&self.link, error))?;
+        }
+        let mut buffer = [0; 1024];
+        let count = self.transport.read(&mut buffer, patience);
+        let count = count.map_err(|error| gone(&self.link, error))?;
+        if count > 0 {
+            self.heard = self.now();
+            self.session.receive(buffer.get(..count).unwrap_or_default());
+        }
+        Ok(())
+    }
+
+    /// Listens until it is known what is there. A UDP peer says nothing before it is spoken to, nor does
+    /// a robot that waits for SYNC0; what is said to them moves nothing and keeps nothing running.
+    pub(crate) fn find_out(&mut self) -> Result<Personality, Error> {
+        let is_udp = matches!(self.link, Link::Udp(_));
+        let mut speaks = if is_udp { Duration::ZERO } else { SPEAK };
+        let mut is_sync = false;
+        loop {
+            if let Some(personality) = self.session.personality() {
+                return Ok(personality);
+            }
+            if self.now() >= HEAR {
+                return Err(self.nobody());
+            }
+            if self.now() >= speaks {
+                speaks = self.now() + SPEAK;
+                let mut buffer = [0; MAX_FRAME];
+                let said = if is_sync {
+                    protocol::arcos::SYNC[0].encode(&mut buffer)
+                } else {
+                    Command::Extension(Request::Identity).encode(0, &mut buffer)
+                };
+                is_sync = !is_sync && !is_udp;
+                if let Ok(frame) = said {
+                    let written = self.transport.write(frame);
+                    written.map_err(|error| Error::Gone(self.link.to_string(), error))?;
+                }
+            }
+            self.pump(TICK)?;
+        }
+    }
+
+    fn nobody(&self) -> Error {
+        let link = &self.link;
+        Error::NoBoard(match self.session.received() {
+            0 => format!(
+                "{link}: open, and nobody speaks; see that the board has power, and TX and RX are not swapped"
+            ),
+            bytes => format!(
+                "{link}: {bytes} bytes came and none is of a board we know; see the baud rate, and that this is the right device"
+            ),
+        })
+    }
+
+    /// `None` where there is no extension.
+    fn asked_who(&mut self) -> Result<Option<Identity>, Error> {
+        match self.ask(&Request::Identity, "who it is") {
+            Ok(Reply::Identity(identity)) => Ok(Some(identity)),
+            Err(gone @ Error::Gone(..)) => Err(gone),
+            _ => Ok(None),
+        }
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.close_arm();
+    }
+}
+
+/// The channels that somebody drives at this moment, and who is not silent.
+pub fn driven(state: &MachineState) -> Vec<Number> {
+    let is_silent = state.flags & flag::LINK_LOST != 0;
+    let drives = |number: &Number| state.channels[number.index()].mode != Mode::Off;
+    if is_silent { Vec::new() } else { Number::all().filter(drives).collect() }
+}

@@ -1,0 +1,86 @@
+//! What can go wrong between a host and a board: each is one line that names the remedy.
+
+use protocol::extension::Verdict;
+
+use crate::session::Personality;
+
+/// Why something could not be done. Its text is one line, for people.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The link is not written as one.
+    #[error(
+        "{0}: not a link; write serial:/dev/ttyUSB0@115200, tcp:127.0.0.1:5005, udp:127.0.0.1:10001 or auto"
+    )]
+    NoLink(String),
+    /// It cannot be opened; the text says why, and what to do.
+    #[error("{0}")]
+    CannotOpen(String),
+    /// The port belongs to another program; the text names it.
+    #[error("{0}")]
+    Busy(String),
+    /// Nothing that we know was heard.
+    #[error("{0}")]
+    NoBoard(String),
+    /// The link ended.
+    #[error("{0}: the link is gone ({1}); see that the board has power and is connected")]
+    Gone(String, std::io::Error),
+    /// The board is there, and does not answer this.
+    #[error(
+        "the board does not answer when asked for {0}; its firmware may know no such request, or the line is bad: try `handwheel info`"
+    )]
+    NoAnswer(&'static str),
+    /// The board refuses.
+    #[error("the board refuses: {}{}", crate::words::verdict(*.verdict), about(.setting))]
+    Refused {
+        /// Why.
+        verdict: Verdict,
+        /// The setting that it is about.
+        setting: Option<String>,
+    },
+    /// This kind of board has no such thing.
+    #[error("{0} has no {1}{2}")]
+    NotCarried(Personality, &'static str, &'static str),
+    /// No setting has this name.
+    #[error("no setting is called \"{name}\"{}", did_you_mean(.nearest))]
+    UnknownName {
+        /// As asked.
+        name: String,
+        /// The nearest that there is.
+        nearest: Option<String>,
+    },
+    /// A value is out of its range.
+    #[error("{name}: {value} is out of range, {low} to {high}")]
+    OutOfRange {
+        /// The setting, or what else has a range.
+        name: String,
+        /// As asked.
+        value: i64,
+        /// The least.
+        low: i32,
+        /// The most.
+        high: i32,
+    },
+    /// What was driven does not run any more; the text says why.
+    #[error("{0}")]
+    Stopped(String),
+    /// What is no value at all; the text says how one is written.
+    #[error("{0}")]
+    NoValue(String),
+    /// Settings that could not all be set; the text says why, and which are in force now.
+    #[error("{0}")]
+    NotSet(String),
+    /// A file that cannot be used; the text names it, and why.
+    #[error("{0}")]
+    File(String),
+}
+
+fn about(setting: &Option<String>) -> String {
+    setting.as_ref().map_or(String::new(), |name| format!(" ({name})"))
+}
+
+fn did_you_mean(nearest: &Option<String>) -> String {
+    match nearest {
+        Some(nearest) => format!("; did you mean \"{nearest}\"?"),
+        None => "; `handwheel get` lists them".into(),
+    }
+}

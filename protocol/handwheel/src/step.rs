@@ -1,0 +1,167 @@
+//! A step's response: what a loop makes of a set-point that jumps, in the words of control.
+//!
+//! Vocabulary: the *step* is from where the shaft was to the target. *Rise* is the time from 10 % to 90 %
+//! of it, *overshoot* how far beyond the target it goes, in percent of the step, *settling* the time after which it stays
+//! within 5 % of the target, *steady error* what is left at the end (the mean of the last fifth).
+
+use std::path::Path;
+use std::time::Duration;
+
+use plotters::prelude::*;
+
+/// A moment of a response.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Time since the command.
+    pub time: Duration,
+    /// What the target is of: counts, or counts per second.
+    pub value: f64,
+    /// -1 to 1 of full drive.
+    pub duty: f64,
+}
+
+/// What is told of a response. Without a value: it never came so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Response {
+    /// From 10 % to 90 % of the step.
+    pub rise: Option<Duration>,
+    /// In percent of the step; 0 is none.
+    pub overshoot_percent: f64,
+    /// After which it stays within 5 % of the target.
+    pub settling: Option<Duration>,
+    /// Target less value at the end, in the target's unit.
+    pub steady_error: f64,
+}
+
+/// Within which share of the step a response counts as settled.
+const SETTLED: f64 = 0.05;
+
+/// Computes it. `start` is where the value was before the step. `None` without samples, or without a step.
+pub fn response(samples: &[Sample], start: f64, target: f64) -> Option<Response> {
+    let step = target - start;
+    if samples.is_empty() || step == 0.0 {
+        return None;
+    }
+    let share = |sample: &Sample| (sample.value - start) / step;
+    let reached = |part: f64| samples.iter().find(|s| share(s) >= part).map(|s| s.time);
+    let rise = reached(0.1).zip(reached(0.9)).map(|(from, to)| to.saturating_sub(from));
+    let highest = samples.iter().map(share).fold(f64::MIN, f64::max);
+    let outside = |sample: &&Sample| (share(sample) - 1.0).abs() > SETTLED;
+    let settling = match samples.iter().rposition(|sample| outside(&sample)) {
+        None => samples.first().map(|sample| sample.time),
+        Some(last) => samples.get(last + 1).map(|sample| sample.time),
+    };
+    let tail = samples.get(samples.len() * 4 / 5..).unwrap_or_default();
+    let mean = tail.iter().map(|sample| sample.value).sum::<f64>() / tail.len() as f64;
+    Some(Response {
+        rise,
+        overshoot_percent: ((highest - 1.0) * 100.0).max(0.0),
+        settling,
+        steady_error: target - mean,
+    })
+}
+
+/// Draws it into an SVG file: the value and the target above, the duty below.
+///
+/// # Errors
+/// Says in one line what is wrong with the file.
+pub fn draw(
+    file: &Path,
+    title: &str,
+    unit: &str,
+    samples: &[Sample],
+    target: f64,
+) -> Result<(), String> {
+    let mut text = String::new();
+    plot(&mut text, title, unit, samples, target)
+        .map_err(|error| format!("the picture: {error}"))?;
+    std::fs::write(file, text).map_err(|error| format!("{}: {error}", file.display()))
+}
+
+fn plot(
+    text: &mut String,
+    title: &str,
+    unit: &str,
+    samples: &[Sample],
+    target: f64,
+) -> Result<(), Box<dyn std::error::Error>> {
+    let end = samples.last().map_or(1.0, |sample| sample.time.as_secs_f64()).max(0.1);
+    let values = || samples.iter().map(|sample| sample.value).chain([target]);
+    let (low, high) = (values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max));
+    let margin = ((high - low) * 0.08).max(1.0);
+    let root = SVGBackend::with_string(text, (800, 600)).into_drawing_area();
+    root.fill(&WHITE)?;
+    let (above, below) = root.split_vertically(400);
+    let font = ("sans-serif", 16);
+    let mut chart = ChartBuilder::on(&above)
+        .caption(title, ("sans-serif", 20))
+        .margin(12)
+        .x_label_area_size(30)
+        .y_label_area_size(70)
+        .build_cartesian_2d(0.0..end, low - margin..high + margin)?;
+    chart.configure_mesh().y_desc(unit).label_style(font).draw()?;
+    chart.draw_series(LineSeries::new([(0.0, target), (end, target)], BLACK.mix(0.5)))?;
+    let line = |of: fn(&Sample) -> f64| samples.iter().map(move |s| (s.time.as_secs_f64(), of(s)));
+    chart.draw_series(LineSeries::new(line(|s| s.value), BLUE.stroke_width(2)))?;
+    let mut chart = ChartBuilder::on(&below)
+        .margin(12)
+        .x_label_area_size(40)
+        .y_label_area_size(70)
+        .build_cartesian_2d(0.0..end, -105.0..105.0)?;
+    chart.configure_mesh().y_desc("duty, %").x_desc("s").label_style(font).draw()?;
+    chart.draw_series(LineSeries::new(line(|s| 100.0 * s.duty), RED.stroke_width(2)))?;
+    drop(chart);
+    root.present()?;
+    drop((above, below, root));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A response sampled every 20 ms.
+    fn samples(value: impl Fn(f64) -> f64) -> Vec<Sample> {
+        let sample = |k: u32| {
+            let time = Duration::from_millis(20) * k;
+            Sample { time, value: value(time.as_secs_f64()), duty: 0.5 }
+        };
+        (1..=100).map(sample).collect()
+    }
+
+    #[test]
+    fn a_first_order_response_rises_in_2_2_and_settles_in_3_time_constants() {
+        let response =
+            response(&samples(|t| 1000.0 * (1.0 - (-t / 0.2).exp())), 0.0, 1000.0).unwrap();
+        let near = |time: Option<Duration>, s: f64| (time.unwrap().as_secs_f64() - s).abs() <= 0.03;
+        assert!(near(response.rise, 0.44) && near(response.settling, 0.6), "{response:?}");
+        assert_eq!(response.overshoot_percent, 0.0);
+        assert!(response.steady_error.abs() < 1.0);
+    }
+
+    #[test]
+    fn overshoot_is_told_either_way_and_from_anywhere() {
+        let swing = |t: f64| 1.0 - (-t / 0.2).exp() * (15.0 * t).cos();
+        for (start, target) in [(0.0, 1000.0), (500.0, -3000.0)] {
+            let values = samples(|t| start + (target - start) * swing(t));
+            let found = response(&values, start, target).unwrap();
+            assert!((30.0..45.0).contains(&found.overshoot_percent), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn what_does_not_arrive_has_an_error_and_no_settling() {
+        let found = response(&samples(|_| 600.0), 0.0, 1000.0).unwrap();
+        assert_eq!((found.rise, found.settling, found.steady_error), (None, None, 400.0));
+        assert_eq!(response(&[], 0.0, 1.0), None);
+        assert_eq!(response(&samples(|_| 0.0), 1.0, 1.0), None);
+    }
+
+    #[test]
+    fn the_picture_is_an_svg_with_two_lines_and_the_unit() {
+        let mut text = String::new();
+        plot(&mut text, "motor 1", "counts/s", &samples(|t| t), 1.0).unwrap();
+        assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>"));
+        assert!(text.matches("<polyline").count() >= 3 && text.contains("counts/s"));
+    }
+}
