@@ -476,3 +476,11 @@ fn what_is_refused_is_counted_by_reason() {
     let request = Command::Extension(Request::Refusals);
     assert_eq!(Command::parse(103, &[]), Ok(request));
 }
+
+#[test]
+fn a_velocity_that_full_drive_does_not_reach_is_no_slew() {
+    let mut bench = Bench::quiet();
+    bench.drive(Quantity::Velocity, 0, FULL, 0);
+    bench.run_alive_ms(1000);
+    assert_eq!(why(&mut bench), (Reason::FullDrive, 0));
+}

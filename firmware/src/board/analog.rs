@@ -70,6 +70,9 @@ const B_AGAIN: usize = 3;
 static SAMPLES: [AtomicU16; CONVERSIONS * ADDRESSES] =
     [const { AtomicU16::new(0) }; CONVERSIONS * ADDRESSES];
 
+/// How often the scan was started anew; for whoever looks into memory.
+static RESTARTS: AtomicU32 = AtomicU32::new(0);
+
 /// The four address lines S0 to S3, and the way round all addresses.
 pub struct Addresses {
     lines: Lines,
@@ -151,8 +154,6 @@ const LOOKS: u32 = 400;
 pub struct Analog {
     select: Round,
     sample: Round,
-    /// How often the scan was started anew.
-    restarts: u32,
 }
 
 impl Analog {
@@ -210,7 +211,6 @@ impl Analog {
                 memory: SAMPLES.as_ptr() as u32,
                 items: SAMPLES.len() as u16,
             },
-            restarts: 0,
         };
         analog.start();
         analog
@@ -255,8 +255,10 @@ impl Analog {
         let overrun = ADC1.sr().read().ovr();
         let failed = [&self.select, &self.sample].map(Round::failed).contains(&true);
         if overrun || failed || self.has_slipped() {
-            self.restarts = self.restarts.wrapping_add(1);
-            defmt::warn!("analogue scan: {} restarts (overrun: {})", self.restarts, overrun);
+            let restarts = RESTARTS.fetch_add(1, Ordering::Relaxed).wrapping_add(1);
+            if restarts.is_power_of_two() {
+                defmt::warn!("analogue scan: {} restarts (overrun: {})", restarts, overrun);
+            }
             self.start();
         }
     }

@@ -32,11 +32,14 @@ struct Current {
 }
 
 impl Current {
+    /// One that has held for long enough follows what is sampled until that is clean again.
     fn update(&mut self, sample: u16, is_clean: bool) {
-        if is_clean || self.held == LONGEST_HOLD {
+        if is_clean {
             *self = Self { sample, held: 0 };
-        } else {
+        } else if self.held < LONGEST_HOLD {
             self.held += 1;
+        } else {
+            self.sample = sample;
         }
     }
 }

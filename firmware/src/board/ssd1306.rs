@@ -10,7 +10,7 @@ use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::gpio::vals::{Idr, Moder};
 use embassy_stm32::pac::i2c;
 use embassy_stm32::time::Hertz;
-use embassy_time::{Duration, Timer};
+use embassy_time::{Duration, Instant, Timer};
 
 use super::boot::CORE_MHZ;
 use super::drives::Lines;
@@ -61,8 +61,8 @@ pub struct Wires {
 impl Wires {
     /// Clocks on a display that was cut off in a byte and holds SDA low, nine times at the most, and
     /// ends that by a stop. Then the controller begins anew, since it may have seen half a transfer and
-    /// wait for its end. Takes up to 0.12 ms.
-    fn free(&self) {
+    /// wait for its end. Whether SDA is high then. Takes up to 0.2 ms.
+    fn free(&self) -> bool {
         const SCL: usize = 0;
         const SDA: usize = 1;
         let Self { registers, lines } = self;
@@ -71,9 +71,13 @@ impl Wires {
             lines.pins.get(SDA).is_some_and(|&sda| levels.idr(sda.into()) == Idr::HIGH)
         };
         if !is_free() {
+            registers.cr1().modify(|w| w.set_pe(false));
             let make = |mode| {
                 let pins = lines.pins.iter();
-                lines.port.moder().modify(|w| pins.for_each(|&pin| w.set_moder(pin.into(), mode)));
+                // Others on the port are claimed for ever, but nothing says that they stay so.
+                critical_section::with(|_| {
+                    lines.port.moder().modify(|w| pins.for_each(|&pin| w.set_moder(pin.into(), mode)));
+                });
             };
             let set = |line, high| {
                 lines.set(line, high);
@@ -100,23 +104,30 @@ impl Wires {
         registers.ccr().write_value(clock.1);
         registers.trise().write_value(clock.2);
         registers.cr1().write(|w| w.set_pe(true));
+        is_free()
     }
 }
 
-/// The display. One that does not answer is set up again at the next frame, on a bus that is freed
+/// From one attempt to set up a display that does not answer to the next.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// The display. One that does not answer is set up again at a later frame, on a bus that is freed
 /// first.
 pub struct Ssd1306 {
     bus: I2c<'static, Blocking, Master>,
     wires: Wires,
     ready: bool,
+    /// When it may be tried again.
+    retry: Instant,
 }
 
 impl Ssd1306 {
     /// A display that has not been spoken to yet, on a bus of [`bus_config`], which has these wires.
     ///
-    /// The bus is polled: one call keeps the thread executor busy for 0.4 ms.
+    /// The bus is polled: one call keeps the thread executor busy for 0.4 ms, and once a second for 2.2
+    /// if nothing is there that pulls the lines up.
     pub const fn new(bus: I2c<'static, Blocking, Master>, wires: Wires) -> Self {
-        Self { bus, wires, ready: false }
+        Self { bus, wires, ready: false, retry: Instant::MIN }
     }
 
     /// Sets the display up and clears it, in 30 ms: before there are pictures, or the first would
@@ -131,7 +142,10 @@ impl Ssd1306 {
     }
 
     fn set_up(&mut self) -> Result<(), Error> {
-        self.wires.free();
+        self.retry = Instant::now() + RETRY;
+        if !self.wires.free() {
+            return Err(Error::Bus);
+        }
         self.bus.blocking_write(ADDRESS, &SET_UP)?;
         self.ready = true;
         Ok(())
@@ -157,8 +171,8 @@ impl Ssd1306 {
 
 impl LcdPort for Ssd1306 {
     async fn show(&mut self, number: u8, columns: &[u8; 64]) {
-        if !self.ready {
-            self.ready = self.set_up().is_ok();
+        if !self.ready && Instant::now() >= self.retry && self.set_up().is_err() {
+            defmt::warn!("the display does not answer");
         }
         if self.ready && self.write(number, columns).await.is_err() {
             self.ready = false;

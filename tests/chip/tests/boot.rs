@@ -8,6 +8,7 @@ use chip::part::pull;
 use protocol::extension::{Action, Request, ResetCause};
 use protocol::pms5005::{Command, Quantity};
 use rigless::device::Level;
+use rigless::mcu::Operate;
 use rigless::soc::Width;
 use rigless::soc::stm32f427::generated::{dbg, flash, gpioa, rcc};
 
@@ -155,4 +156,17 @@ fn the_loader_is_entered_with_its_own_stack_and_its_own_vectors() {
     host.run_for(100);
     host.heard();
     assert_eq!(host.identity().reset, ResetCause::Pin);
+}
+
+#[test]
+fn what_has_no_clock_does_not_answer() {
+    // The bridge starts no bridge: TIM1's clock is off, TIM5's, which is embassy's, on.
+    let mut bench = Bench::boot("cm5-f407");
+    bench.run_for(50);
+    let answers = bench.with(|stand| {
+        let now = stand.now;
+        let chip = &mut stand.rig().chip;
+        [0x4001_0000, 0x4000_0C00].map(|at| Operate::read(chip, now, at, Width::W32).is_ok())
+    });
+    assert_eq!(answers, [false, true]);
 }

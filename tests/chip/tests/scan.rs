@@ -1,9 +1,10 @@
 //! The scan of the analogue inputs: every address, from every beginning, undisturbed by the bridges.
 
 use chip::bench::pms5005::Host;
-use protocol::pms5005::Quantity;
+use protocol::pms5005::{Quantity, Report};
 use rigless::mcu::Operate;
 use rigless::soc::Width;
+use rigless::soc::stm32f427::generated::tim1::Register;
 
 const IMAGE: &str = "pms5005-f407";
 
@@ -48,11 +49,21 @@ fn assert_in_place(host: &Host, when: &str) {
     }
 }
 
+/// How often the image has started its scan anew.
+fn restarts(host: &Host) -> u64 {
+    let at = host.bench.symbol("6analog8RESTARTS");
+    host.bench.with(move |stand| stand.host.read(at, Width::W32).unwrap())
+}
+
 #[test]
 fn each_of_48_addresses_carries_what_is_on_its_pin() {
     let mut host = board();
     host.run_for(3);
     assert_in_place(&host, "after the start");
+    // And stays in step, whatever control and the line are busy with.
+    host.go(Quantity::Velocity, [Some(4000), Some(-4000), None, None, None, None]);
+    host.live_for(2000);
+    assert_eq!(restarts(&host), 0);
 }
 
 #[test]
@@ -81,17 +92,20 @@ fn a_scan_that_was_stopped_begins_again_in_its_place() {
 #[test]
 fn one_timer_request_too_many_or_too_few_is_noticed_within_a_period() {
     let mut host = board();
-    host.run_for(3);
-    host.bench.with(|stand| {
-        let now = stand.now;
-        stand.rig().chip.request_once_more(now);
-    });
-    // A control period until it is seen, and a scan until all are new.
-    host.run_for(3);
-    assert_in_place(&host, "after one request too many");
-    host.bench.with(|stand| stand.rig().chip.tim8.lost_updates = 1);
-    host.run_for(4);
-    assert_in_place(&host, "after one request too few");
+    // At sixteen places of a scan and of the PWM period.
+    for n in 0..16 {
+        host.bench.run_until_ns(host.bench.now_ns() + 3_000_000 + n * 53_100);
+        let before = restarts(&host);
+        host.bench.with(move |stand| {
+            let now = stand.now;
+            let chip = &mut stand.rig().chip;
+            if n % 2 == 0 { chip.request_once_more(now) } else { chip.tim8.lost_updates = 1 }
+        });
+        // A control period until it is seen, one scan until all are new.
+        host.run_for(2);
+        assert_eq!(restarts(&host), before + 1, "{n}");
+        assert_in_place(&host, "after a slip");
+    }
 }
 
 /// How far TIM8's period begins behind TIM1's, in ns, from minus half a period to half of one.
@@ -107,7 +121,10 @@ fn both_bridge_timers_keep_their_phase_through_a_restart_of_the_scan() {
     let mut host = board();
     host.go(Quantity::Pwm, [Some(20_000); 6]);
     let before = phase(&host);
-    assert!(before.abs() < 100.0, "{before} ns behind");
+    assert!(before.abs() < 20.0, "{before} ns behind");
+    // TIM8 is TIM1's slave: ITR0, trigger mode (RM0090 17.4.3).
+    let slave = host.bench.with(|stand| stand.rig().chip.register("TIM8", Register::Smcr));
+    assert_eq!(slave & 0x77, 0x06);
     host.bench.with(|stand| {
         let now = stand.now;
         Operate::write(&mut stand.rig().chip, now, SAMPLING, Width::W32, 0).unwrap();
@@ -135,35 +152,55 @@ fn currents_are_clean_from_10_to_90_percent_of_duty() {
     }
 }
 
+/// Currents as control sees them, told by a motor report: asked for again until it is a new one.
+fn current(host: &mut Host, channel: usize) -> f64 {
+    host.heard();
+    f64::from(host.motors().currents[channel])
+}
+
 #[test]
 fn beyond_that_a_channel_s_own_current_is_clean_and_the_others_hold_for_10_ms() {
     let mut host = board();
-    let put_current = |host: &Host, channel: usize, millivolts: f64| {
+    host.set(32, 20); // telemetry's shortest period, in ms
+    let put = |host: &Host, channel: usize, millivolts: f64| {
         host.bench.with(move |stand| stand.rig().world.voltages.put(1, channel, Some(millivolts)));
     };
     let counts = |millivolts: f64| millivolts * 4096.0 / 3300.0;
-    // Almost full reverse on channel 0, whose edges are in everybody's first sample; neutral elsewhere.
+    // 4.6 % high on channel 0: its edges fall into everybody's first sample; neutral elsewhere.
     let mut duties = [Some(16_384); 6];
-    duties[0] = Some(5 * 327);
+    duties[0] = Some(1521); // a compare value of 195
     host.go(Quantity::Pwm, duties);
+    host.run_for(40);
+    put(&host, 0, 1500.0);
+    put(&host, 1, 2000.0);
+    // A report of the next period or two: the channel's own is fresh, and clean; another's still holds.
+    let (mut own, mut others) = (Vec::new(), Vec::new());
+    for _ in 0..40 {
+        host.run_for(1);
+        for frame in host.heard() {
+            if let Some(Report::Motors(report)) = frame.report() {
+                own.push((frame.at_ns, f64::from(report.currents[0])));
+                others.push((frame.at_ns, f64::from(report.currents[1])));
+            }
+        }
+    }
+    assert!(own.len() >= 2, "{own:?}");
+    assert!((own[own.len() - 1].1 - counts(1500.0)).abs() <= 3.0, "fresh and clean: {own:?}");
+    // What an edge adds here is 500 counts at the most: behind 10 ms it is the new one, if not clean.
+    let last = others[others.len() - 1].1;
+    assert!((counts(2000.0) - 3.0..counts(2400.0)).contains(&last), "{others:?}");
+    // Clean again, with the edge gone.
+    host.go(Quantity::Pwm, [Some(16_384); 6]);
     host.run_for(5);
-    put_current(&host, 0, 1500.0);
-    host.run_for(3);
-    let told = host.motors().currents[0];
-    assert!((f64::from(told) - counts(1500.0)).abs() <= 3.0, "fresh and clean: {told}");
-    put_current(&host, 1, 2000.0);
-    host.run_for(12);
-    let told = host.motors().currents[1];
-    // What an edge adds here is 500 counts at the most; what counts is that it is not the old one.
-    assert!((counts(2000.0) - 3.0..counts(2400.0)).contains(&f64::from(told)), "{told}");
+    assert!((current(&mut host, 1) - counts(2000.0)).abs() <= 3.0);
     // Full drive either way has no edges at all.
     for duty in [0, 32_767] {
         host.go(Quantity::Pwm, [Some(duty); 6]);
-        put_current(&host, 2, 900.0 + f64::from(duty) / 100.0);
+        put(&host, 2, 900.0 + f64::from(duty) / 100.0);
         host.run_for(4);
         let wanted = counts(900.0 + f64::from(duty) / 100.0);
-        let told = host.motors().currents[2];
-        assert!((f64::from(told) - wanted).abs() <= 3.0, "{told} for {wanted:.0} at {duty}");
+        let told = current(&mut host, 2);
+        assert!((told - wanted).abs() <= 3.0, "{told} for {wanted:.0} at {duty}");
     }
 }
 
@@ -187,13 +224,11 @@ fn the_first_sample_of_a_current_is_2_us_from_every_edge_in_both_ways_of_driving
             let chip = &mut stand.rig().chip;
             (chip.adc1.sampled_ns.take().unwrap(), chip.waveforms())
         });
-        // The scan converts four times a period: B, A, C, B.
-        let firsts = sampled.chunks(4).filter(|period| period.len() == 4).skip(1);
-        for first in firsts.map(|period| period[0]) {
-            let place = (first as f64 - waveforms[1].zero_ns).rem_euclid(50_000.0);
-            if !(0.0..3000.0).contains(&place) {
-                continue; // the chunk began within a period
-            }
+        // Of the four samples of a period, the first: within 3 us behind the counter's bottom.
+        let place = |at: u64| (at as f64 - waveforms[1].zero_ns).rem_euclid(50_000.0);
+        let firsts: Vec<u64> = sampled.into_iter().filter(|&at| place(at) < 3000.0).collect();
+        assert!(firsts.len() >= 19, "{percent} %: {} of 20 periods", firsts.len());
+        for first in firsts {
             for waveform in &waveforms {
                 let since = waveform.since_edge(first as f64).expect("there are edges");
                 assert!(since >= 2000.0, "{percent} %: {since:.0} ns behind an edge");

@@ -127,10 +127,10 @@ impl Axis {
             HeldBack::SoftLimit
         } else if is_limit(Drive::from_bits(self.settings.highest_duty.into())) {
             HeldBack::HighestDuty
-        } else if drive >= limit_of(narrowed) && missing.saturating_abs() > NEAR {
-            HeldBack::Slew
         } else if stands_at(Drive::ONE) {
             HeldBack::FullDrive
+        } else if drive >= limit_of(narrowed) && missing.saturating_abs() > NEAR {
+            HeldBack::Slew
         } else {
             return None;
         };

@@ -10,9 +10,8 @@ use rigless::device::Level;
 use crate::part::converter::Front;
 use crate::part::timers::Shared;
 
-/// 2.5 kOhm of a potentiometer, 180 of the multiplexer, a common pin of some 100 pF with its track,
-/// four times over.
-const SETTLING_NS: f64 = 1_000.0;
+/// 2.7 kOhm of a potentiometer and the multiplexer, and 1 nF: the most that the board's README allows.
+const SETTLING_NS: f64 = 2_700.0;
 /// How far an edge throws a sample that falls on it, and how fast that dies away.
 const RINGING_MV: f64 = 400.0;
 const RINGING_NS: f64 = 400.0;

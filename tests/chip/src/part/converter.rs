@@ -8,7 +8,7 @@
 //! | left out | source | reason |
 //! |---|---|---|
 //! | the other triggers, the injected group's | 13.6 | no image uses them |
-//! | the sampling capacitor's own charge | data sheet table 67 | 4 pF against a multiplexer's 50 |
+//! | the sampling capacitor's own charge | data sheet table 67 | 4 pF against a common pin's 100 |
 //! | the time after `ADON` | 13.3.6 | as rigless: a conversion that is started at once is exact |
 
 use std::fmt;
@@ -43,8 +43,6 @@ pub struct Converter {
     pub front: Box<dyn Front>,
     /// Which of them are looked at.
     inputs: &'static [u8],
-    /// Triggers heard since reset.
-    pub triggers: u64,
     /// When samples were taken, the newest last, while somebody wants to know.
     pub sampled_ns: Option<Vec<u64>>,
 }
@@ -54,7 +52,7 @@ impl Converter {
     pub fn new(front: Box<dyn Front>, inputs: &'static [u8], reference_mv: u32) -> Self {
         let mut inner = Adc::with_clock(RESET_HZ / 2);
         inner.set_reference(reference_mv);
-        Self { inner, adcclk_hz: RESET_HZ / 2, front, inputs, triggers: 0, sampled_ns: None }
+        Self { inner, adcclk_hz: RESET_HZ / 2, front, inputs, sampled_ns: None }
     }
 
     /// Puts it back as it comes out of reset.
@@ -62,7 +60,6 @@ impl Converter {
         let mut inner = Adc::with_clock(RESET_HZ / 2);
         inner.set_reference(reference_mv);
         self.inner = inner;
-        self.triggers = 0;
     }
 }
 
@@ -122,7 +119,6 @@ impl Device for Converter {
             let edge = if change.level == Level::High { 1 } else { 2 };
             let wanted = cr2::EXTEN.get(control) & edge != 0;
             if wanted && cr2::EXTSEL.get(control) == TIM8_TRGO {
-                self.triggers += 1;
                 // A trigger does what SWSTART does.
                 let started = cr2::SWSTART.set(control, 1);
                 registers.set(Register::Cr2, started);
