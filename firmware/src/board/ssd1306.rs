@@ -76,7 +76,10 @@ impl Wires {
                 let pins = lines.pins.iter();
                 // Others on the port are claimed for ever, but nothing says that they stay so.
                 critical_section::with(|_| {
-                    lines.port.moder().modify(|w| pins.for_each(|&pin| w.set_moder(pin.into(), mode)));
+                    lines
+                        .port
+                        .moder()
+                        .modify(|w| pins.for_each(|&pin| w.set_moder(pin.into(), mode)));
                 });
             };
             let set = |line, high| {
