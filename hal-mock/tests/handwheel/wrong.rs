@@ -124,7 +124,7 @@ fn a_restore_is_checked_whole_before_anything_is_sent() {
     let cases = [
         (good.replace("\"Ki reading\"", "\"Ki readin\""), "did you mean \"Ki reading\""),
         (good.replace("\"Ki reading\" = 2", "\"Ki reading\" = 3"), "3 is out of range, 0 to 2"),
-        (good.replace("format = 1", "format = 9"), "newer handwheel"),
+        (good.replace("format = 1", "format = 9"), "another handwheel"),
         (good.replace("\"pms5005\"", "\"pioneer-arm\""), "a backup of a pioneer-arm"),
         (good.clone() + "\"pid of the future\" = 1\n", "no setting is called"),
         (good.replace("[settings]", "settings]"), "no TOML"),
@@ -136,7 +136,7 @@ fn a_restore_is_checked_whole_before_anything_is_sent() {
         handwheel(&link, &format!("restore {}", file("bad"))).failed(says);
         assert_eq!(all(), before, "{says}");
     }
-    handwheel(&link, &format!("restore {}", file("none"))).failed("No such file");
+    handwheel(&link, &format!("restore {}", file("none"))).failed("there is no such file");
     std::fs::write(file("good"), good).unwrap();
     assert_eq!(handwheel(&link, "servo 1 1500us").status, 0);
     handwheel(&link, &format!("restore {}", file("good"))).failed("`handwheel stop` first");

@@ -31,9 +31,10 @@ pub fn write(personality: Personality, identity: Identity, settings: &[Setting])
     let mut text = format!(
         "# Settings of {personality}, as `handwheel backup` found them in force. `handwheel restore` puts them\n\
          # back, `handwheel diff` compares. A channel's number, 1 to 6, stands behind a name.\n\
-         \n[handwheel]\nformat = {FORMAT}\nboard = \"{}\"\nfirmware = \"{major}.{minor}.{patch}\"\nextension = {}\n\n[settings]\n",
+         \n[handwheel]\nformat = {FORMAT}\nboard = \"{}\"\nfirmware = \"{major}.{minor}.{patch}\"\nextension = {}\ncount = {}\n\n[settings]\n",
         kind(personality),
         identity.extension,
+        settings.len(),
     );
     for setting in settings {
         let (low, high) = setting.range;
@@ -66,9 +67,15 @@ pub struct Plan {
 /// Reads a file, and checks all of it against the board's settings.
 ///
 /// # Errors
-/// [`Error::File`]: no TOML, not a backup, another kind of board, a newer form; [`Error::UnknownName`]
-/// and [`Error::OutOfRange`]. One line each, about the first thing that is wrong.
-pub fn check(text: &str, personality: Personality, board: &Settings) -> Result<Plan, Error> {
+/// [`Error::File`]: no TOML, not a backup, another kind of board, a newer form or firmware, an end that is
+/// missing, a name that is not known; [`Error::OutOfRange`]. One line each, about the first thing
+/// that is wrong.
+pub fn check(
+    text: &str,
+    personality: Personality,
+    identity: Identity,
+    board: &Settings,
+) -> Result<Plan, Error> {
     let wrong = |what: String| Error::File(what);
     let table: toml::Table = text.parse().map_err(|error: toml::de::Error| {
         let line = error
@@ -81,9 +88,9 @@ pub fn check(text: &str, personality: Personality, board: &Settings) -> Result<P
     };
     let head = table.get("handwheel").and_then(toml::Value::as_table).ok_or_else(no_backup)?;
     let format = head.get("format").and_then(toml::Value::as_integer).ok_or_else(no_backup)?;
-    if format > FORMAT {
+    if format != FORMAT {
         return Err(wrong(format!(
-            "written by a newer handwheel (format {format}, this one reads {FORMAT}): use that one"
+            "written by another handwheel (format {format}, this one reads {FORMAT}): use that one"
         )));
     }
     let of = head.get("board").and_then(toml::Value::as_str).ok_or_else(no_backup)?;
@@ -96,17 +103,32 @@ pub fn check(text: &str, personality: Personality, board: &Settings) -> Result<P
     {
         return Err(wrong(format!("[{stranger}] is not known; it may be a newer version's")));
     }
-    let newer = || {
-        let firmware =
-            head.get("firmware").and_then(toml::Value::as_str).unwrap_or("another version");
-        format!(
-            " (the file is of firmware {firmware}; if that is newer, bring the board's up to date)"
-        )
-    };
-    let mut changes = Vec::new();
+    let extension = head.get("extension").and_then(toml::Value::as_integer).unwrap_or(0);
+    if extension > identity.extension.into() {
+        let firmware = head.get("firmware").and_then(toml::Value::as_str).unwrap_or("a newer one");
+        return Err(wrong(format!(
+            "a backup of firmware {firmware} (extension {extension}), which is newer than the board's \
+             (extension {}): bring the board up to date first",
+            identity.extension
+        )));
+    }
+    let count = head.get("count").and_then(toml::Value::as_integer);
+    if let Some(count) = count.filter(|&count| count > settings.len() as i64) {
+        return Err(wrong(format!(
+            "it has {} settings, and says that it has {count}: a part is missing; if you have cut it \
+             yourself, set `count` in [handwheel] to {}",
+            settings.len(),
+            settings.len()
+        )));
+    }
+    let mut changes: Vec<(Setting, i32)> = Vec::new();
+    let mut seen: Vec<u16> = Vec::new();
     for (name, value) in settings {
-        let setting =
-            client::find(board, name).map_err(|error| wrong(format!("{error}{}", newer())))?;
+        let setting = client::find(board, name).map_err(|error| wrong(error.to_string()))?;
+        if seen.contains(&setting.number) {
+            return Err(wrong(format!("{name}: it is there twice")));
+        }
+        seen.push(setting.number);
         let value =
             value.as_integer().ok_or_else(|| wrong(format!("{name}: a whole number is wanted")))?;
         let value = client::check(setting, value)?;
@@ -155,15 +177,18 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_back_and_tells_unit_range_and_default() {
-        let plan = check(&text(), Personality::Pms5005, &board()).unwrap();
+        let plan = check(&text(), Personality::Pms5005, IDENTITY, &board()).unwrap();
         assert_eq!(plan, Plan { changes: vec![], missing: vec![] });
         assert!(text().contains("# ms; 1 to 60000, default 0\n\"telemetry period\" = 50\n"));
     }
 
     #[test]
     fn what_differs_and_what_is_missing_is_told() {
-        let changed = text().replace("= 50", "= 20").replace("\"soft limit low 1\" = -3\n", "");
-        let plan = check(&changed, Personality::Pms5005, &board()).unwrap();
+        let changed = text()
+            .replace("= 50", "= 20")
+            .replace("\"soft limit low 1\" = -3\n", "")
+            .replace("count = 2", "count = 1");
+        let plan = check(&changed, Personality::Pms5005, IDENTITY, &board()).unwrap();
         assert_eq!(plan.changes, [(board()[0].clone(), 20)]);
         assert_eq!(plan.missing, ["soft limit low 1"]);
     }
@@ -181,16 +206,24 @@ mod tests {
             ),
             (text().replace("= 50", "= 99999999999"), "out of range"),
             (text().replace("= 50", "= \"fast\""), "whole number"),
-            (text().replace("format = 1", "format = 2"), "newer handwheel"),
+            (text().replace("format = 1", "format = 2"), "another handwheel"),
+            (text().replace("format = 1", "format = -1"), "another handwheel"),
+            (text().replace("extension = 2", "extension = 3"), "newer than the board's"),
+            (text().replace("\"soft limit low 1\" = -3\n", ""), "a part is missing"),
+            (
+                text().replace("soft limit low 1\" = -3", "Telemetry Period\" = 7"),
+                "it is there twice",
+            ),
             (text().replace("\"pms5005\"", "\"pioneer-arm\""), "a backup of a pioneer-arm"),
             (text().replace("[settings]", "[setings]"), "not a backup"),
-            (text().replace("= 50", "="), "line 12: no TOML"),
+            (text().replace("= 50", "="), "line 13: no TOML"),
             (text() + "\"telemetry period\" = 1\n", "no TOML"),
             (text() + "[extra]\n", "[extra]"),
             (String::new(), "not a backup"),
         ];
         for (text, says) in cases {
-            let error = check(&text, Personality::Pms5005, &board()).unwrap_err().to_string();
+            let error =
+                check(&text, Personality::Pms5005, IDENTITY, &board()).unwrap_err().to_string();
             assert!(error.contains(says) && !error.contains('\n'), "{says}: {error}");
         }
     }

@@ -72,6 +72,9 @@ pub enum Error {
     /// A file that cannot be used; the text names it, and why.
     #[error("{0}")]
     File(String),
+    /// Whoever read the answer has gone, as `head` does when it has enough.
+    #[error("nobody reads the answer any more")]
+    NobodyReads,
 }
 
 fn about(setting: &Option<String>) -> String {

@@ -36,10 +36,13 @@ pub struct Response {
 /// Within which share of the step a response counts as settled.
 const SETTLED: f64 = 0.05;
 
-/// Computes it. `start` is where the value was before the step. `None` without samples, or without a step.
+/// Of fewer samples nothing is told.
+const FEWEST: usize = 5;
+
+/// Computes it. `start` is where the value was before the step. `None` of too few samples, or without a step.
 pub fn response(samples: &[Sample], start: f64, target: f64) -> Option<Response> {
     let step = target - start;
-    if samples.is_empty() || step == 0.0 {
+    if samples.len() < FEWEST || step == 0.0 {
         return None;
     }
     let share = |sample: &Sample| (sample.value - start) / step;

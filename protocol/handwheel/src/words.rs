@@ -87,7 +87,12 @@ pub fn reason(state: &ChannelState) -> Option<String> {
     Some(match state.reason {
         Reason::None => return None,
         Reason::Fault => match Fault::from_number(state.detail) {
-            Some(of) => format!("fault {}, {}: {}", state.detail, fault(of), remedy(of)),
+            Some(of) => format!(
+                "fault {}, {}: {}; then `handwheel faults clear`",
+                state.detail,
+                fault(of),
+                remedy(of)
+            ),
             None => format!("fault {}", state.detail),
         },
         Reason::Silence => "the host fell silent".into(),
@@ -106,7 +111,8 @@ pub fn reason(state: &ChannelState) -> Option<String> {
         Reason::HighestDuty => "its highest duty limits the drive".into(),
         Reason::FullDrive => "it has all the drive there is".into(),
         Reason::OldCommand => {
-            "its last motion command grew too old (setting \"oldest command\")".into()
+            "its last motion command grew too old (`handwheel set oldest command 0` allows any age)"
+                .into()
         }
     })
 }
@@ -188,9 +194,19 @@ pub fn duration(ms: u64) -> String {
     }
 }
 
-/// The nearest of some names, if one is near enough to be meant.
+/// The nearest of some names, if one is near enough to be meant: the shortest in which words begin as these
+/// do, else the one that is spelled most like it.
 pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {
     let name = name.to_lowercase();
+    let names: Vec<&str> = names.into_iter().collect();
+    let begins = |other: &&&str| {
+        let other = other.to_lowercase();
+        let begun = |word: &str| other.split(' ').any(|its| its.starts_with(word));
+        !name.trim().is_empty() && name.split_whitespace().all(begun)
+    };
+    if let Some(found) = names.iter().filter(begins).min_by_key(|other| other.len()) {
+        return Some((*found).to_owned());
+    }
     let scored = names
         .into_iter()
         .map(|other| (strsim::normalized_damerau_levenshtein(&name, &other.to_lowercase()), other));
@@ -207,6 +223,8 @@ mod tests {
         let names = ["telemetry period", "link timeout", "soft limit low 1", "soft limit high 1"];
         assert_eq!(nearest("telemetri period", names).as_deref(), Some("telemetry period"));
         assert_eq!(nearest("softlimit low 1", names).as_deref(), Some("soft limit low 1"));
+        assert_eq!(nearest("soft", names).as_deref(), Some("soft limit low 1"));
+        assert_eq!(nearest("tele per", names).as_deref(), Some("telemetry period"));
         assert_eq!(nearest("xyzzy", names), None);
     }
 

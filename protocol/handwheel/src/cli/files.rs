@@ -48,6 +48,8 @@ impl Context<'_, '_> {
         let plan = plan(file, &text, &client, &before)
             .map_err(|error| Error::File(format!("{error}; nothing was changed")))?;
         all_off(&mut client)?;
+        // Ctrl-C does not leave half of it.
+        self.holds();
         if let Err(error) = put(&mut client, &before, &plan) {
             return Err(named(file, error.to_string()));
         }
@@ -88,7 +90,8 @@ impl Context<'_, '_> {
     fn tell_missing(&mut self, plan: &Plan) {
         if !plan.missing.is_empty() {
             self.say(&format!(
-                "not in the file, and left as they are: {}",
+                "{} settings are not in the file, and left as they are: {}",
+                plan.missing.len(),
                 plan.missing.join(", ")
             ));
         }
@@ -98,7 +101,10 @@ impl Context<'_, '_> {
 /// Puts all of it in force and saves it, or undoes what was done.
 fn put(client: &mut Client, before: &Settings, plan: &Plan) -> Result<(), Error> {
     let values: Vec<_> = plan.changes.iter().map(|(s, value)| (s.number, *value)).collect();
-    client.assign_all(before, &values)?;
+    client.assign_all(before, &values).map_err(|error| match error {
+        Error::NotSet(_) => error, // it says what is in force now
+        other => Error::NotSet(format!("{other}; nothing was changed")),
+    })?;
     let done = client.settings().and_then(|now| {
         let wrong = plan.changes.iter().find(|(setting, value)| {
             !now.iter().any(|found| found.number == setting.number && found.value == *value)
@@ -141,11 +147,23 @@ fn all_off(client: &mut Client) -> Result<(), Error> {
 }
 
 fn read(file: &Path) -> Result<String, Error> {
-    std::fs::read_to_string(file).map_err(|error| named(file, error.to_string()))
+    std::fs::read_to_string(file).map_err(|error| {
+        let why = match error.kind() {
+            std::io::ErrorKind::NotFound => {
+                "there is no such file; `handwheel backup` makes one".into()
+            }
+            std::io::ErrorKind::InvalidData => "not a backup of handwheel: it is no text".into(),
+            std::io::ErrorKind::IsADirectory => "a folder; name a file".into(),
+            _ => error.to_string(),
+        };
+        named(file, why)
+    })
 }
 
 fn plan(file: &Path, text: &str, client: &Client, board: &Settings) -> Result<Plan, Error> {
-    let plan = backup::check(text, client.personality(), board);
+    // A board without the extension has no settings, and has said so.
+    let identity = client.identity().ok_or(Error::NoAnswer("who it is"))?;
+    let plan = backup::check(text, client.personality(), identity, board);
     plan.map_err(|error| named(file, error.to_string()))
 }
 

@@ -67,7 +67,7 @@ enum Command {
         #[arg(long)]
         csv: bool,
         /// End after so long, as 2s or 500ms.
-        #[arg(long = "for", value_name = "TIME", value_parser = parse::time)]
+        #[arg(long = "for", value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true)]
         time: Option<Duration>,
     },
     /// Drive a motor open loop until Ctrl-C: `pwm 1 50%`.
@@ -85,7 +85,7 @@ enum Command {
         /// Motor, 1 to 6.
         motor: Number,
         /// Counts of its sensor per second.
-        #[arg(allow_negative_numbers = true, value_parser = clap::value_parser!(i16).range(-32767..))]
+        #[arg(allow_negative_numbers = true, value_parser = parse::counts)]
         velocity: i16,
         #[command(flatten)]
         hold: Hold,
@@ -95,7 +95,7 @@ enum Command {
         /// Motor, 1 to 6.
         motor: Number,
         /// Counts of its sensor.
-        #[arg(value_parser = clap::value_parser!(i16).range(0..))]
+        #[arg(allow_negative_numbers = true, value_parser = parse::position)]
         position: i16,
         #[command(flatten)]
         hold: Hold,
@@ -105,16 +105,16 @@ enum Command {
         /// Servo, 1 to 6.
         servo: Number,
         /// Pulse, 223us to 3111us.
-        #[arg(value_parser = parse::pulse)]
+        #[arg(allow_hyphen_values = true, value_parser = parse::pulse)]
         pulse: f64,
         /// Move there in so long, as 500ms.
-        #[arg(long = "in", value_name = "TIME", value_parser = parse::ramp)]
+        #[arg(long = "in", value_name = "TIME", value_parser = parse::ramp, allow_hyphen_values = true)]
         ramp: Option<Duration>,
     },
     /// Set the eight outputs: `gpio 0xA5`; bit 0 is GPIO0.
     Gpio {
         /// 0 to 255; 0x and 0b are understood.
-        #[arg(value_parser = parse::byte)]
+        #[arg(allow_hyphen_values = true, value_parser = parse::byte)]
         outputs: u8,
     },
     /// Show a picture on the LCD, 128 x 64; others are scaled.
@@ -137,7 +137,7 @@ enum Command {
     /// Set a setting: `set telemetry period 20`. In force at once; `save` keeps it.
     Set {
         /// The name, and last the value.
-        #[arg(required = true, num_args = 2.., allow_negative_numbers = true, value_names = ["NAME", "VALUE"])]
+        #[arg(required = true, num_args = 1.., allow_negative_numbers = true, value_names = ["NAME", "VALUE"])]
         words: Vec<String>,
     },
     /// Save the settings that are in force.
@@ -174,13 +174,13 @@ enum Command {
         /// What steps.
         quantity: Quantity,
         /// Counts per second, or counts.
-        #[arg(allow_negative_numbers = true, value_parser = clap::value_parser!(i16).range(-32767..))]
+        #[arg(allow_negative_numbers = true, value_parser = parse::counts)]
         target: i16,
         /// Draw the response.
         #[arg(long, value_name = "FILE")]
         svg: Option<PathBuf>,
         /// How long it is driven.
-        #[arg(long = "for", value_name = "TIME", value_parser = parse::time, default_value = "2s")]
+        #[arg(long = "for", value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true, default_value = "2s")]
         time: Duration,
     },
     /// Enter the ROM's loader, and say what to type next.
@@ -191,10 +191,10 @@ enum Command {
 #[derive(Args, Clone, Copy)]
 struct Hold {
     /// Go there in so long (a ramp), as 500ms; at once without.
-    #[arg(long = "in", value_name = "TIME", value_parser = parse::ramp)]
+    #[arg(long = "in", value_name = "TIME", value_parser = parse::ramp, allow_hyphen_values = true)]
     ramp: Option<Duration>,
     /// Stop after so long, as 2s; until Ctrl-C without.
-    #[arg(long = "for", value_name = "TIME", value_parser = parse::time)]
+    #[arg(long = "for", value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true)]
     time: Option<Duration>,
 }
 
@@ -255,21 +255,19 @@ pub fn run<W: Into<OsString> + Clone>(
     words: impl IntoIterator<Item = W>,
     io: &mut Surroundings<'_>,
 ) -> u8 {
+    let words: Vec<OsString> = words.into_iter().map(Into::into).collect();
+    let is_json = words.iter().any(|word| word == "--json");
     let options = match Options::try_parse_from(words) {
         Ok(options) => options,
-        Err(error) => {
-            let is_asked =
-                matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
-            let to: &mut dyn Write = if is_asked { io.out } else { io.err };
-            // Nobody is left to be told.
-            let _ = write!(to, "{error}");
-            return if is_asked { DONE } else { MISUSED };
-        }
+        Err(error) => return misused(&error, is_json, io),
     };
     let mut context = Context { link: options.link, json: options.json, io };
     let outcome = context.run(options.command);
     let status = outcome.unwrap_or_else(|error| {
         let text = error.to_string();
+        if matches!(error, Error::NobodyReads) {
+            return DONE;
+        }
         if context.json {
             context.tell(&json!({ "error": text }));
         } else {
@@ -281,6 +279,29 @@ pub fn run<W: Into<OsString> + Clone>(
         Ok(()) => status,
         Err(_) => FAILED,
     }
+}
+
+/// Answers a command line that asks for help, or is wrong: one line with the remedy.
+fn misused(error: &clap::Error, is_json: bool, io: &mut Surroundings<'_>) -> u8 {
+    // Whoever is not there any more is not told.
+    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
+        let _ = write!(io.out, "{error}");
+        return DONE;
+    }
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        let _ = write!(io.err, "{error}");
+        return MISUSED;
+    }
+    // What is wrong is clap's first paragraph.
+    let text = error.to_string();
+    let what = text.trim_start_matches("error: ").lines().take_while(|line| !line.is_empty());
+    let what = what.map(str::trim).collect::<Vec<_>>().join(" ");
+    let text = format!("{what}; `handwheel --help` and `handwheel COMMAND --help` say how");
+    let _ = match is_json {
+        true => writeln!(io.out, "{}", json!({ "error": text })),
+        false => writeln!(io.err, "handwheel: {text}"),
+    };
+    MISUSED
 }
 
 impl Context<'_, '_> {

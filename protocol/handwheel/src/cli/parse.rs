@@ -35,6 +35,18 @@ pub fn percent(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `-4000`: whole counts, or counts a second, of the wire's 16 bits.
+pub fn counts(text: &str) -> Result<i16, String> {
+    let number = text.parse::<i16>().ok().filter(|&number| number > i16::MIN);
+    number.ok_or_else(|| "a whole number of -32767 to 32767 is wanted".into())
+}
+
+/// `6000`: a position, which is not negative on the wire.
+pub fn position(text: &str) -> Result<i16, String> {
+    let number = text.parse::<i16>().ok().filter(|&number| number >= 0);
+    number.ok_or_else(|| "a whole number of 0 to 32767 is wanted".into())
+}
+
 /// `1500us`: microseconds.
 pub fn pulse(text: &str) -> Result<f64, String> {
     let number = text.strip_suffix("us").or_else(|| text.strip_suffix("µs"));
@@ -64,6 +76,15 @@ mod tests {
         assert_eq!((percent("50%"), percent("-12.5%")), (Ok(0.5), Ok(-0.125)));
         assert_eq!(pulse("1500us"), Ok(1500.0));
         assert_eq!((byte("0xA5"), byte("0b101"), byte("255")), (Ok(0xA5), Ok(5), Ok(255)));
+    }
+
+    #[test]
+    fn counts_are_whole_and_the_wires() {
+        assert_eq!((counts("-4000"), position("6000")), (Ok(-4000), Ok(6000)));
+        for wrong in ["abc", "1.5", "-32768", "40000", ""] {
+            assert!(counts(wrong).is_err(), "{wrong}");
+        }
+        assert!(position("-5").is_err());
     }
 
     #[test]

@@ -41,7 +41,10 @@ impl Context<'_, '_> {
         let (value, name) = words.split_last().map_or(("", &[][..]), |(v, n)| (v.as_str(), n));
         let name = name.join(" ");
         let value: i64 = value.parse().map_err(|_| {
-            Error::NoValue(format!("{value}: the value of a setting is a whole number"))
+            let all = words.join(" ");
+            Error::NoValue(format!(
+                "{all}: a name and a whole number are wanted, as `set telemetry period 20`"
+            ))
         })?;
         let mut client = self.connect()?;
         let before = client.setting(&name)?;
@@ -58,7 +61,14 @@ impl Context<'_, '_> {
             set.value,
             words::unit(set.unit)
         ));
-        self.tell(&json!({ "name": set.name, "before": before.value, "value": set.value }));
+        if set.name == "link timeout" && set.value == 0 {
+            self.remark("nothing stops a motor any more whose host has died");
+        }
+        let driven = self.others(&mut client)?;
+        self.tell(&json!({
+            "name": set.name, "before": before.value, "value": set.value,
+            "driven_by_another_host": driven,
+        }));
         Ok(DONE)
     }
 

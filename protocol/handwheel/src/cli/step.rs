@@ -27,6 +27,11 @@ impl Context<'_, '_> {
         svg: Option<&Path>,
         time: Duration,
     ) -> Outcome {
+        if let Some(file) = svg {
+            // Before anything turns.
+            let opened = std::fs::OpenOptions::new().create(true).append(true).open(file);
+            opened.map_err(|error| Error::File(format!("{}: {error}", file.display())))?;
+        }
         let mut client = self.connect()?;
         let before = client.state()?.ok_or(Error::NotCarried(
             client.personality(),
@@ -50,6 +55,7 @@ impl Context<'_, '_> {
             Quantity::Position => (Target::Position(target), "counts"),
         };
         let mut samples = Vec::new();
+        let mut why = None;
         self.holds();
         let interrupted = self.io.interrupt.wanted.clone();
         let mut drive = client.drive(motor, what, Duration::ZERO)?;
@@ -64,6 +70,7 @@ impl Context<'_, '_> {
                     Quantity::Velocity => channel.velocity,
                     Quantity::Position => channel.position,
                 };
+                why = words::reason(channel);
                 let duty = words::percent(channel.duty) / 100.0;
                 samples.push(Sample { time, value: value.into(), duty });
             }
@@ -91,6 +98,9 @@ impl Context<'_, '_> {
             Some(ms) => format!("{ms} ms"),
             None => "not within this time".into(),
         };
+        if let Some(why) = why {
+            self.remark(&format!("motor {motor}: at the end {why}"));
+        }
         self.say(&format!("motor {motor}: step to {what}, {} samples", samples.len()));
         self.say(&format!("rise (10 to 90 %)     {}", said(found.rise)));
         self.say(&format!("overshoot             {:.1} %", found.overshoot_percent));

@@ -55,7 +55,10 @@ impl Context<'_, '_> {
         csv: &dyn Fn() -> String,
         block: &dyn Fn() -> String,
     ) -> Result<(), Error> {
-        let gone = |error: std::io::Error| Error::File(format!("standard output: {error}"));
+        let gone = |error: std::io::Error| match error.kind() {
+            std::io::ErrorKind::BrokenPipe => Error::NobodyReads,
+            _ => Error::File(format!("standard output: {error}")),
+        };
         if self.json {
             writeln!(self.io.out, "{object}").map_err(gone)?;
         } else if pace.csv {
@@ -79,8 +82,15 @@ impl Context<'_, '_> {
         }
         let title = client.link().to_string();
         let mut clock = Clock::default();
+        let mut others = Vec::new();
         for state in client.states()? {
             let state = state?;
+            // A table has no place for it.
+            let driven = driven(&state);
+            if pace.csv && !self.json && driven != others && !driven.is_empty() {
+                self.remark(&drives(&driven));
+            }
+            others = driven;
             let time_ms = clock.unwrap(state.time_ms);
             self.show(pace, object(&state, time_ms), &|| csv(&state, time_ms), &|| {
                 block(&state, time_ms, &title)
