@@ -15,13 +15,19 @@ const SERIAL: [&str; 3] = ["/dev/tty", "/dev/pts/", "/dev/rfcomm"];
 pub fn holders_for_long(device: &str) -> Vec<String> {
     let first = holders(device);
     if first.is_empty() {
-        return first;
+        return Vec::new();
     }
     std::thread::sleep(LONG);
-    holders(device).into_iter().filter(|holder| first.contains(holder)).collect()
+    // By their numbers: a program may have become another meanwhile.
+    let both = holders(device).into_iter().filter(|process| first.contains(process));
+    both.map(|process| {
+        let name = fs::read_to_string(format!("/proc/{process}/comm")).unwrap_or_default();
+        format!("{} (process {process})", name.trim())
+    })
+    .collect()
 }
 
-fn holders(device: &str) -> Vec<String> {
+fn holders(device: &str) -> Vec<u32> {
     let Ok(device) = fs::canonicalize(device) else { return Vec::new() };
     // Everybody has /dev/null.
     let is_port = |name: &str| SERIAL.iter().any(|begin| name.starts_with(begin));
@@ -30,13 +36,7 @@ fn holders(device: &str) -> Vec<String> {
     }
     let processes = fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
-    numbers
-        .filter(|&number| number != std::process::id() && has_open(number, &device))
-        .map(|number| {
-            let name = fs::read_to_string(format!("/proc/{number}/comm")).unwrap_or_default();
-            format!("{} (process {number})", name.trim())
-        })
-        .collect()
+    numbers.filter(|&number| number != std::process::id() && has_open(number, &device)).collect()
 }
 
 fn has_open(process: u32, device: &Path) -> bool {
