@@ -63,6 +63,9 @@ pub enum Error {
     /// What was driven does not run any more; the text says why.
     #[error("{0}")]
     Stopped(String),
+    /// A stop was sent, and what came of it is not known.
+    #[error("the stop was sent and is NOT confirmed; cut the motors' supply: {0}")]
+    NotConfirmed(Box<Error>),
     /// What is no value at all; the text says how one is written.
     #[error("{0}")]
     NoValue(String),
@@ -72,6 +75,18 @@ pub enum Error {
     /// A file that cannot be used; the text names it, and why.
     #[error("{0}")]
     File(String),
+}
+
+impl Error {
+    /// Of a stop that was sent: what keeps its confirmation from coming leaves the motors' state unknown.
+    pub(crate) fn of_a_stop(self) -> Self {
+        match self {
+            Self::NoAnswer(_) | Self::NoBoard(_) | Self::Gone(..) => {
+                Self::NotConfirmed(Box::new(self))
+            }
+            other => other,
+        }
+    }
 }
 
 fn about(setting: &Option<String>) -> String {
