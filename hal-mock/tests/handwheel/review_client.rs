@@ -112,7 +112,7 @@ fn ping() -> Vec<u8> {
 
 #[test]
 fn a_board_that_falls_silent_is_no_original() {
-    handwheel(&falls_silent(ping()), "info").failed("does not answer when asked for who it is");
+    handwheel(&falls_silent(ping()), "info").failed("the board says nothing any more");
 }
 
 #[test]
@@ -126,14 +126,21 @@ fn a_stop_that_fails_says_what_is_at_stake() {
 fn a_stop_that_had_to_be_repeated_is_not_confirmed() {
     let board = board();
     let host = board.tcp();
-    let other = thread::spawn(move || {
-        for _ in 0..75 {
-            drive(&host, 2, Quantity::Pwm, 24_000);
-            thread::sleep(Duration::from_millis(20));
-        }
+    let drives = || drive(&host, 2, Quantity::Pwm, 24_000);
+    drives();
+    board.until(|state| state["motors"][1]["enabled"] == true);
+    let said = thread::scope(|scope| {
+        // A host that has not noticed the first stop, and then obeys.
+        scope.spawn(|| {
+            while board.state()["motors"][1]["enabled"] == true {
+                drives();
+                thread::sleep(Duration::from_millis(20));
+            }
+            thread::sleep(Duration::from_millis(100));
+            drives();
+        });
+        handwheel(&tcp(&board), "stop")
     });
-    let said = handwheel(&tcp(&board), "stop");
-    other.join().unwrap();
     assert_eq!(said.status, 3, "{said:?}");
     assert!(said.out.contains("NOT confirmed: another host commands"), "{said:?}");
     board.until(|state| state["motors"][1]["enabled"] == false);

@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::{ANSWER_IS_NO, Context, DONE, Hold, Outcome, drives, time};
 use crate::client::{Client, Stopped, Target};
+use crate::error::Error;
 use crate::link::Link;
 use crate::number::Number;
 use crate::words;
@@ -50,8 +51,15 @@ impl Context<'_, '_> {
         });
         let stopped = match held {
             Ok(()) => drive.stop()?,
+            // Why it does not run is what matters, unless it may run on.
+            Err(why @ Error::Stopped(_)) => match drive.stop() {
+                Ok(_) => return Err(why),
+                Err(stop) => {
+                    self.remark(&why.to_string());
+                    return Err(stop);
+                }
+            },
             Err(why) => {
-                // It is stopped in any case; why it does not run is what matters.
                 let _ = drive.stop();
                 return Err(why);
             }

@@ -343,6 +343,11 @@ impl Client {
         }
     }
 
+    fn silent(&self) -> Error {
+        let silent = std::io::Error::other("the board says nothing any more");
+        Error::Gone(self.link.to_string(), silent)
+    }
+
     /// Time since the connection was made.
     fn now(&self) -> Duration {
         self.clock.elapsed()
@@ -413,11 +418,11 @@ impl Client {
     fn asked_who(&mut self) -> Result<Option<Identity>, Error> {
         match self.ask(&Request::Identity, "who it is") {
             Ok(Reply::Identity(identity)) => Ok(Some(identity)),
-            Err(Error::NoAnswer(what)) => {
+            Err(Error::NoAnswer(_)) => {
                 let (frames, end) = (self.session.frames(), self.now() + PING);
                 while self.session.frames() == frames {
                     if self.now() >= end {
-                        return Err(Error::NoAnswer(what));
+                        return Err(self.silent());
                     }
                     self.pump(TICK)?;
                 }

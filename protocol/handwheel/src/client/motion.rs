@@ -32,7 +32,7 @@ const GRACE: Duration = Duration::from_millis(150);
 /// A board that says nothing for so long is gone; it says something once a second.
 const SILENCE: Duration = Duration::from_millis(2500);
 /// How long a set-point may stand away from its target: it waits for a shaft, or for an acceleration.
-const STANDS: Duration = Duration::from_secs(1);
+const STANDS: Duration = Duration::from_secs(2);
 /// A set-point is the target when it is so near: the wire rounds.
 const ROUNDED: i32 = 1;
 /// A shaft that is so near to its set-point does not keep it waiting.
@@ -297,8 +297,7 @@ impl Drive<'_> {
                 }
             }
             if self.client.now() > self.client.heard.max(self.begun) + SILENCE {
-                let silent = std::io::Error::other("the board says nothing any more");
-                return Err(Error::Gone(self.client.link.to_string(), silent));
+                return Err(self.client.silent());
             }
         }
         Ok(())
@@ -313,7 +312,7 @@ impl Drive<'_> {
         self.on = now;
         if let Some(other) = other {
             return Err(Error::Stopped(format!(
-                "another host drives motor {other} now, and would not be missed if it died; motor {motor} is stopped: let one host drive them all"
+                "another host drives motor {other} now, which this drive would keep running if that host died; motor {motor} is stopped: let one host drive both"
             )));
         }
         let channel = &state.channels[motor.index()];
@@ -338,10 +337,9 @@ impl Drive<'_> {
             return Err(Error::Stopped(format!("motor {motor} does not run: {why}")));
         }
         match differs {
-            Some(differs) => {
-                let why = format!("another host drives motor {motor}: {differs}; it is stopped");
-                Err(Error::Stopped(why))
-            }
+            Some(differs) => Err(Error::Stopped(format!(
+                "another host drives motor {motor}: {differs}; the motor is stopped: end that host"
+            ))),
             None => Ok(()),
         }
     }
@@ -363,7 +361,9 @@ impl Drive<'_> {
         let (nearest, since) = self.nearest.unwrap_or((way, now));
         let has_arrived = nearest <= ROUNDED;
         let is_away = way > nearest + ROUNDED && (has_arrived || !is_position);
-        let waits = is_position && apart(channel.position, set_point) > NEAR_COUNTS;
+        let is_hindered =
+            channel.reason != Reason::None || apart(channel.position, set_point) > NEAR_COUNTS;
+        let waits = is_position && is_hindered;
         let stands = way > ROUNDED && !waits && now > since.max(self.begun + self.ramp) + STANDS;
         self.nearest = Some(if way < nearest { (way, now) } else { (nearest, since) });
         (is_away || stands).then(|| format!("its set-point is {set_point}, not {target}"))

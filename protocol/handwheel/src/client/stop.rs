@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use protocol::extension::{MachineState, Mode};
+use protocol::extension::{ChannelState, MachineState, Mode};
 use protocol::pms5005::{Addressing, CHANNELS, Command, Move, Quantity, Report, Scope};
 
 use super::motion::NEUTRAL;
@@ -41,7 +41,7 @@ pub struct Stopped {
     pub stands: Option<bool>,
     /// Whether the board has confirmed the stop: acknowledged, and nothing has driven since.
     pub confirmed: bool,
-    /// Whether something was on again after a stop that was acknowledged: another host commands.
+    /// Whether something was driven again after a stop that was acknowledged: another host commands.
     pub is_opposed: bool,
     /// How long it took, or was waited for.
     pub after: Duration,
@@ -79,8 +79,8 @@ pub(super) struct Shafts {
     encoders: [Option<Seen>; 2],
     /// The last machine state.
     pub(super) state: Option<MachineState>,
-    /// Whether a machine state has shown something on.
-    was_on: bool,
+    /// Whether a machine state has shown something driven.
+    was_driven: bool,
 }
 
 impl Shafts {
@@ -91,7 +91,7 @@ impl Shafts {
                 for (seen, channel) in self.told.iter_mut().zip(&state.channels) {
                     Seen::see(seen, channel.position, now);
                 }
-                self.was_on |= !is_off(state);
+                self.was_driven |= is_driven(state);
                 self.state = Some(*state);
             }
             Event::Report(Report::Motors(motors)) => {
@@ -133,6 +133,13 @@ impl Shafts {
 /// Whether all motors and servos are.
 fn is_off(state: &MachineState) -> bool {
     state.channels.iter().all(|channel| channel.mode == Mode::Off) && state.servos == [0; 6]
+}
+
+/// Whether anything is. A neutral PWM is how another host ends its own drive.
+fn is_driven(state: &MachineState) -> bool {
+    let is_neutral = |c: &ChannelState| c.mode == Mode::Pwm && c.set_point == 0;
+    let is_driven = |c: &ChannelState| c.mode != Mode::Off && !is_neutral(c);
+    state.channels.iter().any(is_driven) || state.servos != [0; 6]
 }
 
 impl Client {
@@ -182,11 +189,11 @@ impl Client {
                 break;
             }
             let is_over =
-                |shafts: &Shafts, now| shafts.was_on || shafts.stand(&all, now) == Some(true);
+                |shafts: &Shafts, now| shafts.was_driven || shafts.stand(&all, now) == Some(true);
             self.watch_until(&mut shafts, is_over, begun + STAND)?;
             stopped.stands = shafts.stand(&all, self.now());
-            stopped.is_opposed |= shafts.was_on;
-            let holds = shafts.state.is_some() && !shafts.was_on;
+            stopped.is_opposed |= shafts.was_driven;
+            let holds = !shafts.was_driven && shafts.state.is_some_and(|state| is_off(&state));
             stopped.confirmed = holds && !stopped.is_opposed;
             if holds || self.now() >= begun + REPEAT {
                 break;
@@ -235,7 +242,7 @@ impl Client {
                 shafts.see(&event, now);
             }
             if now < from {
-                shafts.was_on = false;
+                shafts.was_driven = false;
             } else if is_over(shafts, now) {
                 break;
             }
