@@ -233,7 +233,8 @@ pub struct Drive<'c> {
     motor: Number,
     target: Target,
     ramp: Duration,
-    /// The least way from set-point to target that was seen, and when it was first.
+    /// The least way from set-point to target that was seen, and since when nothing but another host has kept it
+    /// from shrinking.
     nearest: Option<(i32, Duration)>,
     /// The channels that were on in the last machine state.
     on: [bool; CHANNELS],
@@ -365,15 +366,16 @@ impl Drive<'_> {
             channel.reason != Reason::None || apart(channel.position, set_point) > NEAR_COUNTS;
         let waits = is_position && is_hindered;
         let stands = way > ROUNDED && !waits && now > since.max(self.begun + self.ramp) + STANDS;
-        self.nearest = Some(if way < nearest { (way, now) } else { (nearest, since) });
+        let since = if way < nearest || waits { now } else { since };
+        self.nearest = Some((way.min(nearest), since));
         (is_away || stands).then(|| format!("its set-point is {set_point}, not {target}"))
     }
 
     /// Stops the motor, and waits until the shaft stands, a second at most. Then its bridge is off.
     ///
     /// # Errors
-    /// [`Error::NotConfirmed`] when the stop is not acknowledged. The board then stops it by itself, 2 s after the last sign of life
-    /// unless its settings say otherwise.
+    /// [`Error::NotConfirmed`] when the stop is not acknowledged. The board then stops it by itself, 2 s after
+    /// the last sign of life unless its settings say otherwise.
     pub fn stop(mut self) -> Result<Stopped, Error> {
         self.end().map_err(Error::of_a_stop)
     }
