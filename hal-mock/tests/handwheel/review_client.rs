@@ -208,3 +208,20 @@ fn a_count_is_set_by_a_pms5005_alone_and_a_cm5_says_what_it_has_not() {
     handwheel(&tcp(&board), "save").failed("a CM-5 has no settings");
     handwheel(&tcp(&board), "reset").failed("a CM-5 has no settings");
 }
+
+#[test]
+fn what_keeps_a_set_point_back_is_no_other_host() {
+    let board = board();
+    let link = tcp(&board);
+    assert_eq!(handwheel(&link, "set acceleration 1 1000").status, 0);
+    let said = handwheel(&link, "velocity 1 4000 --for 5s");
+    assert_eq!(said.status, 0, "{said:?}");
+    assert_eq!(handwheel(&link, "set acceleration 1 0").status, 0);
+    assert_eq!(handwheel(&link, "set stall time 10000").status, 0);
+    board.ask(json!({"set": {"jam": [true, false, false, false, false, false]}}));
+    let driver = thread::spawn(move || handwheel(&link, "position 1 9000 --in 1s --for 7s"));
+    thread::sleep(Duration::from_secs(5));
+    board.ask(json!({"set": {"jam": [false, false, false, false, false, false]}}));
+    let said = driver.join().unwrap();
+    assert!(!said.err.contains("another host"), "{said:?}");
+}
