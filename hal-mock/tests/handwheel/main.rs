@@ -8,6 +8,7 @@ mod older;
 mod others;
 #[path = "../program/mod.rs"]
 mod program;
+mod review_client;
 mod wrong;
 
 use handwheel::cli::{Interrupt, Surroundings, run};

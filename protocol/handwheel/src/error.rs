@@ -63,6 +63,9 @@ pub enum Error {
     /// What was driven does not run any more; the text says why.
     #[error("{0}")]
     Stopped(String),
+    /// A stop was sent, and what came of it is not known.
+    #[error("the stop was sent and is NOT confirmed; cut the motors' supply: {0}")]
+    NotConfirmed(Box<Error>),
     /// What is no value at all; the text says how one is written.
     #[error("{0}")]
     NoValue(String),
@@ -75,6 +78,18 @@ pub enum Error {
     /// Whoever read the answer has gone, as `head` does when it has enough.
     #[error("nobody reads the answer any more")]
     NobodyReads,
+}
+
+impl Error {
+    /// Of a stop that was sent: what keeps its confirmation from coming leaves the motors' state unknown.
+    pub(crate) fn of_a_stop(self) -> Self {
+        match self {
+            Self::NoAnswer(_) | Self::NoBoard(_) | Self::Gone(..) => {
+                Self::NotConfirmed(Box::new(self))
+            }
+            other => other,
+        }
+    }
 }
 
 fn about(setting: &Option<String>) -> String {

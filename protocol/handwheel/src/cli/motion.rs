@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{ANSWER_IS_NO, Context, DONE, Hold, Outcome, time};
+use super::{ANSWER_IS_NO, Context, DONE, Hold, Outcome, drives, time};
 use crate::client::{Client, Stopped, Target};
+use crate::error::Error;
 use crate::link::Link;
 use crate::number::Number;
 use crate::words;
@@ -19,12 +20,19 @@ impl Context<'_, '_> {
         let mut client = self.connect()?;
         self.holds();
         let interrupted = self.io.interrupt.wanted.clone();
+        client.end_when(interrupted.clone());
         let mut drive = client.drive(motor, target, hold.ramp.unwrap_or_default())?;
         let end = match hold.time {
             Some(length) => format!("for {}", time(length)),
             None => "until Ctrl-C".into(),
         };
         self.say(&format!("motor {motor}: {target}, {end}"));
+        if !drive.others().is_empty() {
+            self.remark(&format!(
+                "{}; this drive's signs of life keep it running too, also if that host dies",
+                drives(drive.others())
+            ));
+        }
         let mut said = None;
         let held = drive.hold_while(|elapsed, state| {
             if let Some(state) = state {
@@ -43,8 +51,15 @@ impl Context<'_, '_> {
         });
         let stopped = match held {
             Ok(()) => drive.stop()?,
+            // Why it does not run is what matters, unless it may run on.
+            Err(why @ Error::Stopped(_)) => match drive.stop() {
+                Ok(_) => return Err(why),
+                Err(stop) => {
+                    self.remark(&why.to_string());
+                    return Err(stop);
+                }
+            },
             Err(why) => {
-                // It is stopped in any case; why it does not run is what matters.
                 let _ = drive.stop();
                 return Err(why);
             }
@@ -80,6 +95,7 @@ impl Context<'_, '_> {
         let (_, stopped) = Client::connect_and_stop(&self.link.parse::<Link>()?)?;
         let after = stopped.after.as_millis();
         self.say(&match (stopped.confirmed, stopped.stands) {
+            (false, _) if stopped.is_opposed => "stop sent and NOT confirmed: another host commands, and has driven on after it; end that host, or cut the motors' supply".into(),
             (false, _) => "stop sent and NOT confirmed: something drives on; another host may send commands: end it, or cut the motors' supply".into(),
             (true, Some(true)) => format!("everything is off and stands ({after} ms)"),
             (true, Some(false)) => format!("everything is off; a shaft still turns after {after} ms"),
@@ -87,6 +103,7 @@ impl Context<'_, '_> {
         });
         self.tell(&json!({
             "confirmed": stopped.confirmed,
+            "another_host_commands": stopped.is_opposed,
             "stands": stopped.stands,
             "after_ms": after as u64,
         }));

@@ -21,6 +21,8 @@ const DRAW: Duration = Duration::from_millis(100);
 const PRINT: Duration = Duration::from_secs(1);
 /// How often an arm is asked.
 const ASK_ARM: Duration = Duration::from_millis(200);
+/// For how long another host may ask an arm for nothing until it counts as silent.
+const SILENCE: Duration = Duration::from_secs(2);
 
 /// When it ends, and when the next block is due.
 struct Pace {
@@ -147,9 +149,10 @@ impl Context<'_, '_> {
     }
 
     /// An arm whose session is ours is asked; of another host's session only what it asks for is seen, as a
-    /// question would be a sign of life.
+    /// question would be a sign of life, unless that host is silent.
     fn watch_arm(&mut self, client: &mut Client, pace: &mut Pace) -> Outcome {
-        let is_guest = client.is_guest();
+        let mut is_guest = client.is_guest();
+        let mut heard = Instant::now();
         if is_guest {
             self.remark("another host has the arm's session open: only what it asks for is seen");
         }
@@ -160,8 +163,17 @@ impl Context<'_, '_> {
             let status = match is_guest {
                 true => {
                     match client.overheard_arm(ASK_ARM, Dialect::Manual(MotionBits::OneToSix))? {
-                        Some(status) => status,
-                        None => continue,
+                        Some(status) => {
+                            heard = Instant::now();
+                            status
+                        }
+                        None => {
+                            if heard.elapsed() > SILENCE {
+                                self.remark("its host is silent: the arm is asked from here");
+                                is_guest = false;
+                            }
+                            continue;
+                        }
                     }
                 }
                 false => {

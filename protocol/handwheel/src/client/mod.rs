@@ -12,12 +12,14 @@ mod settings;
 mod stop;
 mod streams;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use protocol::extension::{
     Action, Counters, FaultRecord, Health, Identity, MachineState, Mode, Refusals, Request, flag,
 };
-use protocol::pms5005::{Command, MAX_FRAME};
+use protocol::pms5005::{CHANNELS, Command, MAX_FRAME};
 
 use crate::auto;
 use crate::error::Error;
@@ -37,6 +39,8 @@ pub use streams::{Reports, Servo, Servos, States};
 const TICK: Duration = Duration::from_millis(10);
 /// A board says something at least once a second, and a CM-5's hello comes once a second.
 const HEAR: Duration = Duration::from_millis(2500);
+/// Within what time a board that is there says something.
+const PING: Duration = Duration::from_millis(1300);
 /// On a link that the user has named, when a board that is silent is first spoken to.
 const SPEAK: Duration = Duration::from_millis(300);
 
@@ -52,6 +56,8 @@ pub struct Client {
     /// A session of ARCOS is open, and whether it is ours to close.
     arm: Option<arm::Opened>,
     state: Option<MachineState>,
+    /// Becomes true when the user wants an end.
+    end: Option<Arc<AtomicBool>>,
 }
 
 impl Client {
@@ -76,17 +82,21 @@ impl Client {
             Link::Auto => auto::hear()?,
             link => {
                 let mut client = Self::new(link.clone(), transport::open(link)?, Session::new());
-                client.stop_unheard()?;
-                client.find_out()?;
+                let found = client.stop_unheard().and_then(|()| client.find_out());
+                found.map_err(Error::of_a_stop)?;
                 client
             }
         };
-        if client.personality() == Personality::Pms5005 {
-            client.stop_unheard()?;
-        }
-        client.meet()?;
-        let stopped = client.stop()?;
+        let stopped = client.stop_and_meet().map_err(Error::of_a_stop)?;
         Ok((client, stopped))
+    }
+
+    fn stop_and_meet(&mut self) -> Result<Stopped, Error> {
+        if self.personality() == Personality::Pms5005 {
+            self.stop_unheard()?;
+        }
+        self.meet()?;
+        self.stop()
     }
 
     /// Finds out what is at the other end of an open transport. The link is for messages.
@@ -114,6 +124,7 @@ impl Client {
             identity: None,
             arm: None,
             state: None,
+            end: None,
         }
     }
 
@@ -128,6 +139,15 @@ impl Client {
             Personality::Cm5 => {}
         }
         Ok(())
+    }
+
+    /// What becomes true when the user wants an end, as by Ctrl-C: no [drive](Self::drive) waits on then.
+    pub fn end_when(&mut self, wanted: Arc<AtomicBool>) {
+        self.end = Some(wanted);
+    }
+
+    fn is_to_end(&self) -> bool {
+        self.end.as_ref().is_some_and(|wanted| wanted.load(Ordering::Relaxed))
     }
 
     /// The link it is at.
@@ -209,7 +229,7 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn clear_faults(&mut self) -> Result<(), Error> {
-        self.act(Action::ClearFaults, "clear its faults")
+        self.act(Action::ClearFaults, "a clearing of its faults")
     }
 
     /// Restarts it in its ROM's loader.
@@ -217,7 +237,7 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn reboot_into_dfu(&mut self) -> Result<(), Error> {
-        self.act(Action::RebootIntoDfu, "enter its loader")
+        self.act(Action::RebootIntoDfu, "its loader")
     }
 
     /// The machine state of this moment, `None` from a board that does not tell it.
@@ -241,6 +261,10 @@ impl Client {
 
     /// Sends a request and waits for what comes of it.
     fn ask(&mut self, request: &Request<'_>, what: &'static str) -> Result<Reply, Error> {
+        if self.personality() == Personality::Cm5 {
+            let instead = "; it carries `info` and `watch`";
+            return Err(Error::NotCarried(Personality::Cm5, "answers to such questions", instead));
+        }
         let begun = self.session.ask(request, self.now());
         begun.map_err(|failure| self.failed(failure, what))?;
         self.wait(what)
@@ -252,6 +276,17 @@ impl Client {
         let begun = self.session.command(command, self.now());
         begun.map_err(|failure| self.failed(failure, what))?;
         self.wait(what).map(drop)
+    }
+
+    /// The same, but waits no longer when the user wants an end.
+    fn command_unless_it_is_to_end(
+        &mut self,
+        command: &Command<'_>,
+        what: &'static str,
+    ) -> Result<(), Error> {
+        let begun = self.session.command(command, self.now());
+        begun.map_err(|failure| self.failed(failure, what))?;
+        self.wait_while(what, |client| !client.is_to_end()).map(drop)
     }
 
     fn needs_a_pms5005(&self, what: &'static str) -> Result<(), Error> {
@@ -280,22 +315,37 @@ impl Client {
 
     /// Waits for what comes of the exchange under way.
     fn wait(&mut self, what: &'static str) -> Result<Reply, Error> {
-        loop {
+        self.wait_while(what, |_| true)?.ok_or(Error::NoAnswer(what))
+    }
+
+    /// The same for as long as `go_on` says; then `None`.
+    fn wait_while(
+        &mut self,
+        what: &'static str,
+        go_on: impl Fn(&Self) -> bool,
+    ) -> Result<Option<Reply>, Error> {
+        while go_on(self) {
             while let Some(event) = self.session.take_event() {
                 match event {
-                    Event::Answered(reply) => return Ok(reply),
+                    Event::Answered(reply) => return Ok(Some(reply)),
                     Event::Failed(failure) => return Err(self.failed(failure, what)),
                     other => self.note(&other),
                 }
             }
             self.pump(TICK)?;
         }
+        Ok(None)
     }
 
     fn note(&mut self, event: &Event) {
         if let Event::State(state) = event {
             self.state = Some(*state);
         }
+    }
+
+    fn silent(&self) -> Error {
+        let silent = std::io::Error::other("the board says nothing any more");
+        Error::Gone(self.link.to_string(), silent)
     }
 
     /// Time since the connection was made.
@@ -363,10 +413,21 @@ impl Client {
         })
     }
 
-    /// `None` where there is no extension.
+    /// `None` where there is no extension: the board refuses the question, or says other things and speaks on
+    /// when the time for an answer is over.
     fn asked_who(&mut self) -> Result<Option<Identity>, Error> {
         match self.ask(&Request::Identity, "who it is") {
             Ok(Reply::Identity(identity)) => Ok(Some(identity)),
+            Err(Error::NoAnswer(_)) => {
+                let (frames, end) = (self.session.frames(), self.now() + PING);
+                while self.session.frames() == frames {
+                    if self.now() >= end {
+                        return Err(self.silent());
+                    }
+                    self.pump(TICK)?;
+                }
+                Ok(None)
+            }
             Err(gone @ Error::Gone(..)) => Err(gone),
             _ => Ok(None),
         }
@@ -379,9 +440,14 @@ impl Drop for Client {
     }
 }
 
+/// Which channels are on, whoever has switched them on.
+fn on(state: &MachineState) -> [bool; CHANNELS] {
+    state.channels.map(|channel| channel.mode != Mode::Off)
+}
+
 /// The channels that somebody drives at this moment, and who is not silent.
 pub fn driven(state: &MachineState) -> Vec<Number> {
     let is_silent = state.flags & flag::LINK_LOST != 0;
-    let drives = |number: &Number| state.channels[number.index()].mode != Mode::Off;
+    let drives = |number: &Number| on(state)[number.index()];
     if is_silent { Vec::new() } else { Number::all().filter(drives).collect() }
 }

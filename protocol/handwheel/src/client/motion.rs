@@ -6,15 +6,18 @@
 //!
 //! Sent again is only a command that was not acknowledged, and never one that has driven: a stop that another
 //! host sends holds.
+//!
+//! Signs of life keep everything running, whoever drives it. So a drive looks for other hosts in every machine
+//! state, and ends when one takes its motor, or starts another.
 
 use std::time::Duration;
 
-use protocol::extension::{MachineState, Mode, Reason, Request};
+use protocol::extension::{ChannelState, MachineState, Mode, Reason, Request};
 use protocol::pms5005::{Addressing, CHANNELS, Command, LcdFrame, Move, Quantity, Scope};
 
 use super::stop::{STAND, STILL, Shafts, Stopped};
 use super::streams::RENEW;
-use super::{Client, TICK};
+use super::{Client, TICK, driven, on};
 use crate::error::Error;
 use crate::number::Number;
 use crate::session::{Event, SIGN_OF_LIFE};
@@ -28,6 +31,15 @@ const COUNTS_PER_MS: f64 = 2250.0;
 const GRACE: Duration = Duration::from_millis(150);
 /// A board that says nothing for so long is gone; it says something once a second.
 const SILENCE: Duration = Duration::from_millis(2500);
+/// How long a set-point may stand away from its target: it waits for a shaft, or for an acceleration.
+const STANDS: Duration = Duration::from_secs(2);
+/// A set-point is the target when it is so near: the wire rounds.
+const ROUNDED: i32 = 1;
+/// A shaft that is so near to its set-point does not keep it waiting.
+const NEAR_COUNTS: i32 = 20;
+/// Positions wrap here.
+const TURN: i32 = 32_768;
+
 /// What a motor is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
@@ -50,6 +62,21 @@ impl Target {
             Self::Position(position) => (Quantity::Position, position),
         }
     }
+
+    /// What the machine state shows when it is reached.
+    fn in_the_state(self) -> (Mode, i32) {
+        match self.on_the_wire() {
+            (Quantity::Pwm, word) => (Mode::Pwm, i32::from(word) - i32::from(NEUTRAL)),
+            (Quantity::Velocity, velocity) => (Mode::Velocity, velocity.into()),
+            (_, position) => (Mode::Position, position.into()),
+        }
+    }
+}
+
+/// How far apart two positions are, the shorter way.
+fn apart(a: i32, b: i32) -> i32 {
+    let way = a.wrapping_sub(b).rem_euclid(TURN);
+    way.min(TURN - way)
 }
 
 impl std::fmt::Display for Target {
@@ -76,10 +103,12 @@ fn move_of(number: Number, quantity: Quantity, value: i16, time: Duration) -> Co
 
 impl Client {
     /// Gives a motor a target, to be reached in so much time (a ramp of the set-point; at most 65 s), and
-    /// keeps it running.
+    /// keeps it running. What [ends in good order](Self::end_when) ends the wait for the acknowledgement too:
+    /// then the drive that is returned is to be stopped.
     ///
     /// # Errors
-    /// [`Error::NoAnswer`] if it is not acknowledged, [`Error::NotCarried`], [`Error::Gone`].
+    /// [`Error::Stopped`] if it is driven already, [`Error::NoAnswer`] if it is not acknowledged,
+    /// [`Error::NotCarried`], [`Error::Gone`].
     pub fn drive(
         &mut self,
         motor: Number,
@@ -88,12 +117,18 @@ impl Client {
     ) -> Result<Drive<'_>, Error> {
         self.needs_a_pms5005("motors")?;
         let life = self.sign_of_life();
+        let before = self.state_off(motor)?;
         let (quantity, value) = target.on_the_wire();
         let now = self.now();
         // From here on the motor may run, and a drive that is dropped stops it.
         let mut drive = Drive {
             client: self,
             motor,
+            target,
+            ramp: time,
+            nearest: None,
+            on: before.map_or([false; CHANNELS], |state| on(&state)),
+            others: before.map_or(Vec::new(), |state| driven(&state)),
             command: move_of(motor, quantity, value, time).did(),
             begun: now,
             renew: now,
@@ -101,11 +136,30 @@ impl Client {
             over: false,
         };
         let command = move_of(motor, quantity, value, time);
-        drive.client.command(&command, "a motion command")?;
+        if !drive.client.is_to_end() {
+            drive.client.command_unless_it_is_to_end(&command, "a motion command")?;
+        }
         let now = drive.client.now();
         drive.client.session.drive(Some(life), now);
         (drive.begun, drive.renew) = (now, now);
         Ok(drive)
+    }
+
+    /// The machine state, with this motor off; `None` from a board that does not tell it.
+    fn state_off(&mut self, motor: Number) -> Result<Option<MachineState>, Error> {
+        let end = self.now() + GRACE;
+        loop {
+            let state = self.state()?;
+            if state.is_none_or(|state| !on(&state)[motor.index()]) {
+                return Ok(state);
+            }
+            if self.now() >= end {
+                return Err(Error::Stopped(format!(
+                    "motor {motor} is driven already; `handwheel stop` first, or end the other host"
+                )));
+            }
+            self.pump(TICK)?;
+        }
     }
 
     /// How often a sign of life is due: four times in the silence that the board allows.
@@ -164,8 +218,9 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn set_count(&mut self, motor: Number, count: i32) -> Result<(), Error> {
+        self.needs_a_pms5005("encoders to be set")?;
         let request = Request::SetCount { channel: motor.channel().number(), count };
-        self.ask(&request, "to set a count").map(drop)
+        self.ask(&request, "a new count").map(drop)
     }
 }
 
@@ -176,6 +231,14 @@ const LINK_TIMEOUT: u16 = 1;
 pub struct Drive<'c> {
     client: &'c mut Client,
     motor: Number,
+    target: Target,
+    ramp: Duration,
+    /// The least way from set-point to target that was seen, and since when nothing but another host has kept it
+    /// from shrinking.
+    nearest: Option<(i32, Duration)>,
+    /// The channels that were on in the last machine state.
+    on: [bool; CHANNELS],
+    others: Vec<Number>,
     /// The command's DID, as a refusal names it.
     command: u8,
     begun: Duration,
@@ -189,6 +252,12 @@ impl Drive<'_> {
     /// Time since the command was acknowledged.
     pub fn elapsed(&self) -> Duration {
         self.client.now() - self.begun
+    }
+
+    /// The motors that another host drove when this began. While this drive lasts, its signs of life keep them
+    /// running too.
+    pub fn others(&self) -> &[Number] {
+        &self.others
     }
 
     /// Lets it run for so long.
@@ -229,33 +298,86 @@ impl Drive<'_> {
                 }
             }
             if self.client.now() > self.client.heard.max(self.begun) + SILENCE {
-                let silent = std::io::Error::other("the board says nothing any more");
-                return Err(Error::Gone(self.client.link.to_string(), silent));
+                return Err(self.client.silent());
             }
         }
         Ok(())
     }
 
-    /// Whether it still does what was asked.
-    fn look(&self, state: &MachineState) -> Result<(), Error> {
-        let channel = &state.channels[self.motor.index()];
+    /// Whether it still does what was asked, and nobody else has begun to drive.
+    fn look(&mut self, state: &MachineState) -> Result<(), Error> {
+        let now = on(state);
+        let is_new =
+            |other: &Number| *other != self.motor && now[other.index()] && !self.on[other.index()];
+        let (motor, other) = (self.motor, Number::all().find(is_new));
+        self.on = now;
+        if let Some(other) = other {
+            return Err(Error::Stopped(format!(
+                "another host drives motor {other} now, which this drive would keep running if that host died; motor {motor} is stopped: let one host drive both"
+            )));
+        }
+        let channel = &state.channels[motor.index()];
         let is_refused = matches!(channel.reason, Reason::OtherMethod | Reason::BeyondScale)
             && channel.detail == self.command;
-        if self.elapsed() > GRACE && (channel.mode == Mode::Off || is_refused) {
+        if self.elapsed() <= GRACE {
+            return Ok(());
+        }
+        let differs = match channel.mode {
+            Mode::Off => None,
+            _ => self.differs(channel),
+        };
+        let is_halted = matches!(
+            channel.reason,
+            Reason::Fault | Reason::Silence | Reason::Suspended | Reason::OldCommand
+        );
+        let is_neutral = channel.set_point == 0 && channel.mode != Mode::Position;
+        if channel.mode == Mode::Off || is_refused || differs.is_some() && (is_halted || is_neutral)
+        {
             let why =
                 words::reason(channel).unwrap_or_else(|| "another host has stopped it".into());
-            return Err(Error::Stopped(format!("motor {} does not run: {why}", self.motor)));
+            return Err(Error::Stopped(format!("motor {motor} does not run: {why}")));
         }
-        Ok(())
+        match differs {
+            Some(differs) => Err(Error::Stopped(format!(
+                "another host drives motor {motor}: {differs}; the motor is stopped: end that host"
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// How the channel's mode or set-point shows that it is not this drive's any more. On the way to its target
+    /// a set-point only comes nearer, except that a position waits for its shaft, or goes back with it.
+    fn differs(&mut self, channel: &ChannelState) -> Option<String> {
+        let (mode, target) = self.target.in_the_state();
+        if channel.mode != mode {
+            let words = [channel.mode, mode].map(words::mode);
+            return Some(format!("its mode is {}, not {}", words[0], words[1]));
+        }
+        let (set_point, is_position) = (i32::from(channel.set_point), mode == Mode::Position);
+        let way = match is_position {
+            true => apart(set_point, target),
+            false => (set_point - target).abs(),
+        };
+        let now = self.client.now();
+        let (nearest, since) = self.nearest.unwrap_or((way, now));
+        let has_arrived = nearest <= ROUNDED;
+        let is_away = way > nearest + ROUNDED && (has_arrived || !is_position);
+        let is_hindered =
+            channel.reason != Reason::None || apart(channel.position, set_point) > NEAR_COUNTS;
+        let waits = is_position && is_hindered;
+        let stands = way > ROUNDED && !waits && now > since.max(self.begun + self.ramp) + STANDS;
+        let since = if way < nearest || waits { now } else { since };
+        self.nearest = Some((way.min(nearest), since));
+        (is_away || stands).then(|| format!("its set-point is {set_point}, not {target}"))
     }
 
     /// Stops the motor, and waits until the shaft stands, a second at most. Then its bridge is off.
     ///
     /// # Errors
-    /// When the stop is not acknowledged. The board then stops it by itself, 2 s after the last sign of life
-    /// unless its settings say otherwise.
+    /// [`Error::NotConfirmed`] when the stop is not acknowledged. The board then stops it by itself, 2 s after
+    /// the last sign of life unless its settings say otherwise.
     pub fn stop(mut self) -> Result<Stopped, Error> {
-        self.end()
+        self.end().map_err(Error::of_a_stop)
     }
 
     fn end(&mut self) -> Result<Stopped, Error> {
@@ -273,6 +395,7 @@ impl Drive<'_> {
         Ok(Stopped {
             stands,
             confirmed: true,
+            is_opposed: false,
             after: if stands == Some(true) { waited.saturating_sub(STILL) } else { waited },
             position: self.shafts.turned(self.motor),
         })

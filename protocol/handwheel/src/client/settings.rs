@@ -65,17 +65,22 @@ impl Client {
     /// The setting of this number.
     pub(super) fn numbered(&mut self, number: u16) -> Result<Setting, Error> {
         const WHAT: &str = "settings";
-        if self.identity.is_none() {
-            let why = match self.personality() {
-                Personality::Cm5 => "; they are constants of its firmware",
-                _ => ": its firmware knows no extension; only ours has them",
-            };
-            return Err(Error::NotCarried(self.personality(), "settings to be read or set", why));
-        }
+        self.needs_settings()?;
         match self.ask(&Request::Setting(number), WHAT)? {
             Reply::Setting(setting) => Ok(setting),
             _ => Err(Error::NoAnswer(WHAT)),
         }
+    }
+
+    fn needs_settings(&self) -> Result<(), Error> {
+        if self.identity.is_some() {
+            return Ok(());
+        }
+        let why = match self.personality() {
+            Personality::Cm5 => "; they are constants of its firmware",
+            _ => ": its firmware knows no extension; only ours has them",
+        };
+        Err(Error::NotCarried(self.personality(), "settings to be read or set", why))
     }
 
     /// Sets a setting. It is in force, and forgotten at the next start unless it is [saved](Self::save).
@@ -142,7 +147,8 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn save(&mut self) -> Result<(), Error> {
-        self.act(Action::Save, "save its settings")
+        self.needs_settings()?;
+        self.act(Action::Save, "a save of its settings")
     }
 
     /// The defaults, in force and saved; only with all motors and servos off.
@@ -150,7 +156,8 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn factory_reset(&mut self) -> Result<(), Error> {
-        self.act(Action::FactoryReset, "reset its settings")
+        self.needs_settings()?;
+        self.act(Action::FactoryReset, "a factory reset")
     }
 }
 

@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use protocol::extension::{MachineState, Mode};
+use protocol::extension::{ChannelState, MachineState, Mode};
 use protocol::pms5005::{Addressing, CHANNELS, Command, Move, Quantity, Report, Scope};
 
 use super::motion::NEUTRAL;
@@ -19,8 +19,8 @@ pub(super) const STAND: Duration = Duration::from_secs(1);
 /// A shaft stands when it has kept within so many counts, which is a potentiometer's noise, for so long.
 const STILL_COUNTS: i32 = 5;
 pub(super) const STILL: Duration = Duration::from_millis(150);
-/// How often a stop of everything is repeated until the board shows that it holds.
-const STOPS: u8 = 3;
+/// For how long a stop of everything is repeated while another host drives on.
+const REPEAT: Duration = Duration::from_secs(3);
 /// An encoder's counts in the telemetry wrap here.
 const WRAP: i32 = 32_768;
 
@@ -39,8 +39,10 @@ const NEUTRAL_ALL: Command<'static> = Command::Move(Move {
 pub struct Stopped {
     /// Whether the shaft, or all of them, stands; `None` if the board does not tell.
     pub stands: Option<bool>,
-    /// Whether the board has confirmed the stop: acknowledged, and nothing drives.
+    /// Whether the board has confirmed the stop: acknowledged, and nothing has driven since.
     pub confirmed: bool,
+    /// Whether something was driven again after a stop that was acknowledged: another host commands.
+    pub is_opposed: bool,
     /// How long it took, or was waited for.
     pub after: Duration,
     /// Where the shaft is, in counts, and how far it has turned since the drive began.
@@ -77,6 +79,8 @@ pub(super) struct Shafts {
     encoders: [Option<Seen>; 2],
     /// The last machine state.
     pub(super) state: Option<MachineState>,
+    /// Whether a machine state has shown something driven.
+    was_driven: bool,
 }
 
 impl Shafts {
@@ -87,6 +91,7 @@ impl Shafts {
                 for (seen, channel) in self.told.iter_mut().zip(&state.channels) {
                     Seen::see(seen, channel.position, now);
                 }
+                self.was_driven |= is_driven(state);
                 self.state = Some(*state);
             }
             Event::Report(Report::Motors(motors)) => {
@@ -125,13 +130,29 @@ impl Shafts {
     }
 }
 
+/// Whether all motors and servos are.
+fn is_off(state: &MachineState) -> bool {
+    state.channels.iter().all(|channel| channel.mode == Mode::Off) && state.servos == [0; 6]
+}
+
+/// Whether anything is. A neutral PWM is how another host ends its own drive.
+fn is_driven(state: &MachineState) -> bool {
+    let is_neutral = |c: &ChannelState| c.mode == Mode::Pwm && c.set_point == 0;
+    let is_driven = |c: &ChannelState| c.mode != Mode::Off && !is_neutral(c);
+    state.channels.iter().any(is_driven) || state.servos != [0; 6]
+}
+
 impl Client {
     /// Stops everything at once: motors and servos off, joints of an arm where they are. Only a new motion
     /// command moves anything again.
     ///
     /// # Errors
-    /// When the stop could not be sent, or was not acknowledged.
+    /// [`Error::NotConfirmed`] when it was not acknowledged; [`Error::NotCarried`].
     pub fn stop(&mut self) -> Result<Stopped, Error> {
+        self.stop_all().map_err(Error::of_a_stop)
+    }
+
+    fn stop_all(&mut self) -> Result<Stopped, Error> {
         let begun = self.now();
         self.session.drive(None, begun);
         self.session.forget();
@@ -140,14 +161,24 @@ impl Client {
             while !stands && self.now() < begun + STAND {
                 stands = self.arm_status()?.moving == [false; 6];
             }
-            let after = self.now() - begun;
-            return Ok(Stopped { stands: Some(stands), confirmed: stands, after, position: None });
+            return Ok(Stopped {
+                stands: Some(stands),
+                confirmed: stands,
+                is_opposed: false,
+                after: self.now() - begun,
+                position: None,
+            });
         }
         self.needs_a_pms5005("motors to be stopped")?;
         let all: Vec<_> = Number::all().collect();
-        let mut stopped =
-            Stopped { stands: None, confirmed: false, after: Duration::ZERO, position: None };
-        for _ in 0..STOPS {
+        let mut stopped = Stopped {
+            stands: None,
+            confirmed: false,
+            is_opposed: false,
+            after: Duration::ZERO,
+            position: None,
+        };
+        loop {
             // Off at once, and then without a move that a resume would go on with.
             self.session.send(&SUSPEND);
             self.command(&NEUTRAL_ALL, "a stop")?;
@@ -157,13 +188,14 @@ impl Client {
                 stopped.confirmed = true;
                 break;
             }
-            self.wait_until_it_stands(&mut shafts, &all, begun + STAND)?;
+            let is_over =
+                |shafts: &Shafts, now| shafts.was_driven || shafts.stand(&all, now) == Some(true);
+            self.watch_until(&mut shafts, is_over, begun + STAND)?;
             stopped.stands = shafts.stand(&all, self.now());
-            stopped.confirmed = shafts.state.is_some_and(|state| {
-                let is_off = state.channels.iter().all(|channel| channel.mode == Mode::Off);
-                is_off && state.servos == [0; 6]
-            });
-            if stopped.confirmed {
+            stopped.is_opposed |= shafts.was_driven;
+            let holds = !shafts.was_driven && shafts.state.is_some_and(|state| is_off(&state));
+            stopped.confirmed = holds && !stopped.is_opposed;
+            if holds || self.now() >= begun + REPEAT {
                 break;
             }
         }
@@ -186,6 +218,16 @@ impl Client {
         motors: &[Number],
         end: Duration,
     ) -> Result<(), Error> {
+        self.watch_until(shafts, |shafts, now| shafts.stand(motors, now) == Some(true), end)
+    }
+
+    /// Watches until it is over, or until `end`.
+    fn watch_until(
+        &mut self,
+        shafts: &mut Shafts,
+        is_over: impl Fn(&Shafts, Duration) -> bool,
+        end: Duration,
+    ) -> Result<(), Error> {
         let has_state = self.has_state();
         // What was heard before the stop counts for nothing; enough is heard behind it, however late it is.
         let from = self.now() + STILL;
@@ -199,7 +241,9 @@ impl Client {
             while let Some(event) = self.session.take_event() {
                 shafts.see(&event, now);
             }
-            if now >= from && shafts.stand(motors, now) == Some(true) {
+            if now < from {
+                shafts.was_driven = false;
+            } else if is_over(shafts, now) {
                 break;
             }
         }

@@ -70,6 +70,7 @@ pub struct Session {
     /// How often a sign of life is due, and when the next one is.
     life: Option<(Duration, Duration)>,
     received: u64,
+    frames: u64,
 }
 
 impl Session {
@@ -84,6 +85,7 @@ impl Session {
             events: VecDeque::new(),
             life: None,
             received: 0,
+            frames: 0,
         }
     }
 
@@ -97,6 +99,11 @@ impl Session {
         self.received
     }
 
+    /// Frames or packets of the board that have come so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
     /// Takes bytes that have come.
     pub fn receive(&mut self, bytes: &[u8]) {
         self.received += bytes.len() as u64;
@@ -107,6 +114,7 @@ impl Session {
                 self.events.push_back(Event::Heard(personality));
             }
             if self.personality == Some(personality) {
+                self.frames += 1;
                 match personality {
                     Personality::Pms5005 => self.receive_frame(&frame),
                     Personality::Arcos => self.receive_packet(&frame),
@@ -204,6 +212,8 @@ impl Session {
     pub fn forget(&mut self) {
         self.exchanges.clear();
         self.out.clear();
+        // What came of it meanwhile is not to be taken for what comes of the next.
+        self.events.retain(|event| !matches!(event, Event::Answered(_) | Event::Failed(_)));
     }
 
     fn begin(&mut self, exchange: Exchange, now: Duration) {

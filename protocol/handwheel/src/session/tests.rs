@@ -140,6 +140,15 @@ fn a_command_is_sent_again_until_it_is_acknowledged() {
 }
 
 #[test]
+fn what_is_forgotten_leaves_no_answer_behind() {
+    let mut session = session();
+    session.command(&Command::GpioOutputs(0xA5), Duration::ZERO).unwrap();
+    session.receive(&ACK);
+    session.forget();
+    assert_eq!(session.take_event(), None);
+}
+
+#[test]
 fn noise_other_hosts_and_half_frames_are_no_board() {
     let mut session = Session::new();
     let noise: Vec<u8> =
