@@ -58,6 +58,7 @@ impl Context<'_, '_> {
         let mut why = None;
         self.holds();
         let interrupted = self.io.interrupt.wanted.clone();
+        client.end_when(interrupted.clone());
         let mut drive = client.drive(motor, what, Duration::ZERO)?;
         // The board's own clock: what the line adds is no part of the response.
         let mut first = None;
