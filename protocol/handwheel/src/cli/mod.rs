@@ -296,7 +296,9 @@ fn misused(error: &clap::Error, is_json: bool, io: &mut Surroundings<'_>) -> u8 
     let text = error.to_string();
     let what = text.trim_start_matches("error: ").lines().take_while(|line| !line.is_empty());
     let what = what.map(str::trim).collect::<Vec<_>>().join(" ");
-    let text = format!("{what}; `handwheel --help` and `handwheel COMMAND --help` say how");
+    let near = text.lines().find_map(|line| line.trim().strip_prefix("tip: a similar "));
+    let near = near.map_or(String::new(), |near| format!("; a similar {near}"));
+    let text = format!("{what}{near}; `handwheel --help` and `handwheel COMMAND --help` say how");
     let _ = match is_json {
         true => writeln!(io.out, "{}", json!({ "error": text })),
         false => writeln!(io.err, "handwheel: {text}"),

@@ -161,12 +161,6 @@ impl Stand<'_> {
     pub fn reset(&mut self) {
         self.session.reset_by_pin(self.now, 0, self.host);
     }
-
-    /// Drives a pin from now on.
-    pub fn drive(&mut self, line: world::Line, is_high: bool) {
-        let Rig { chip, world } = self.session.board_mut();
-        world.drive(chip, self.now, line, is_high);
-    }
 }
 
 type Act = Box<dyn FnOnce(&mut Stand<'_>) + Send>;

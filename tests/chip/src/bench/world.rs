@@ -215,7 +215,7 @@ impl World {
     }
 
     /// Drives a pin from now on.
-    pub fn drive(&mut self, chip: &mut Stm32f407, now: VirtualNanos, line: Line, is_high: bool) {
+    fn drive(&mut self, chip: &mut Stm32f407, now: VirtualNanos, line: Line, is_high: bool) {
         self.driven.insert(line, is_high);
         chip.drive(now, line.0, line.1, Some(Level::from(is_high)));
     }
