@@ -133,11 +133,6 @@ impl Bus {
     fn send(&self) {
         self.direction.write(1);
         critical_section::with(|_| self.registers.cr1().modify(|w| w.set_txeie(true)));
-        // QEMU 7.2 has no transmit interrupts.
-        #[cfg(feature = "qemu")]
-        while !self.sent.signaled() {
-            critical_section::with(|_| self.on_interrupt());
-        }
     }
 }
 

@@ -46,9 +46,6 @@ fn another_version_is_refused_with_the_reason() {
 /// that a busy computer makes it lose.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// USART6, the last of the serial lines that the machine is given.
-const BUS: &str = "usart6";
-
 /// A load or a store: the data's register, the word's address, the instruction's bytes.
 struct Access {
     is_load: bool,
@@ -70,7 +67,7 @@ pub struct Machine {
     pub chip: Chip,
     /// It stands in the loader.
     stands: bool,
-    qemu: Qemu,
+    _qemu: Qemu,
 }
 
 impl Machine {
@@ -100,8 +97,7 @@ impl Machine {
         }
         let log = ["-S", "-d", "unimp,guest_errors", "-D", "log", "-serial", "null"];
         let options = [&log[..], options].concat();
-        let lines = ["uart", "usart3", "uart4", "uart5", BUS].map(|name| ("-serial", name));
-        let sockets = [&[("-gdb", "gdb")][..], &lines].concat();
+        let sockets = [("-gdb", "gdb"), ("-serial", "uart")];
         let qemu = Qemu::start(name, &process::image(image), &options, &sockets);
         let uart = qemu.connect("uart");
         let mut machine = Self {
@@ -113,7 +109,7 @@ impl Machine {
             seen: String::new(),
             chip,
             stands: false,
-            qemu,
+            _qemu: qemu,
         };
         machine.gdb.set_bytes(SETTINGS.start, &settings.image());
         machine.serve_stopped();
@@ -256,11 +252,6 @@ impl Machine {
             panic!("an access at {pc:#x} that this test cannot decode: {first:04x} {second:04x}");
         };
         Access { is_load, register, address, length }
-    }
-
-    /// The servo bus of an image that has one.
-    pub fn bus(&self) -> UnixStream {
-        self.qemu.connect(BUS)
     }
 
     /// Sends what a host sends.

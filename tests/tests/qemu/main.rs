@@ -2,14 +2,13 @@
 //!
 //!     .ci/images && cargo test -p tests --test qemu -- --ignored --test-threads 2
 //!
-//! The virtual board's image is in `simulated`, the CM-5's in `bridge`. Here is the STM32F407
+//! The virtual board's image is in `simulated`. Here is the STM32F407
 //! board's, in `settings` what of it outlives a start, and in `hang` a control that does not come
 //! back: frames go in over its UART, and the registers that it writes come out of QEMU's log. It
 //! differs from the image that is flashed only in what the machine lacks (the firmware's feature
 //! `qemu`): SysTick for TIM5's compare channels, a receive interrupt and polled sending for the
 //! UART's DMA.
 
-mod bridge;
 mod chip;
 mod gdb;
 mod hang;
