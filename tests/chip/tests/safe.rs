@@ -126,10 +126,14 @@ fn a_control_that_hangs_wherever_it_does_is_off_within_100_ms() {
 
 #[test]
 fn a_task_that_hangs_is_off_within_100_ms() {
-    for task in ["___link_task_inner", "___display_task_inner", "___sensing_task_inner"] {
+    for task in [
+        "link_task_inner_function0E4poll",
+        "display_task_inner_function0E4poll",
+        "sensing_task_inner_function0E4poll",
+    ] {
         broken(task, HANG, OFF_WITHIN_MS);
     }
-    broken("___link_task_inner", HANG_IN_CRITICAL_SECTION, OFF_WITHIN_MS);
+    broken("link_task_inner_function0E4poll", HANG_IN_CRITICAL_SECTION, OFF_WITHIN_MS);
 }
 
 #[test]
@@ -163,7 +167,7 @@ fn a_hard_fault_and_a_panic_are_off_at_once() {
     for code in [UNDEFINED, &branch_to_panic()] {
         broken("5Shaft6update", code, AT_ONCE_MS);
     }
-    broken("___link_task_inner", UNDEFINED, AT_ONCE_MS);
+    broken("link_task_inner_function0E4poll", UNDEFINED, AT_ONCE_MS);
 }
 
 #[test]
@@ -178,7 +182,7 @@ fn a_stack_that_overflows_is_off_at_once_and_writes_nothing_below_sram() {
             })
         };
         let before = words(&host);
-        host.bench.patch("___link_task_inner", code);
+        host.bench.patch("link_task_inner_function0E4poll", code);
         let took = off_after(&mut host);
         assert!(took <= AT_ONCE_MS, "off {took:.1} ms after the last good period");
         assert!(words(&host) == before, "something was written below SRAM");
