@@ -40,12 +40,7 @@ fn random(seed: &mut u64, below: u64) -> u64 {
 fn latencies(commands: usize, mut schedule: impl FnMut(&mut Host, &[u8])) -> Vec<u64> {
     const BATCH: usize = 500;
     let mut host = Host::boot(IMAGE);
-    host.order(Command::Move(Move {
-        quantity: Quantity::Pwm,
-        addressing: Addressing::List,
-        targets: [Some(16_384), None, None, None, None, None],
-        periods: 0,
-    }));
+    host.go(Quantity::Pwm, [Some(16_384), None, None, None, None, None]);
     let frames = [pwm(20_000), pwm(24_000)];
     let mut all = Vec::new();
     while all.len() < commands {

@@ -135,18 +135,6 @@ fn millivolts(counts: u16) -> f64 {
     (f64::from(counts) + 0.5) * REFERENCE_MV / FULL_SCALE
 }
 
-/// Where multiplexed inputs are: multiplexer and address.
-pub mod place {
-    /// Of potentiometer 1 to 6, from 0.
-    pub fn potentiometer(index: usize) -> (usize, usize) {
-        (0, index)
-    }
-    /// Of motor current 1 to 6, from 0.
-    pub fn current(index: usize) -> (usize, usize) {
-        (1, index)
-    }
-}
-
 /// Something that happens at a pin.
 type Edge = Reverse<(u64, usize, u8, bool)>;
 
@@ -230,11 +218,11 @@ impl World {
     /// `percent` as long.
     pub fn press(&mut self, ns: u64, address: u16, command: u8, percent: u64) {
         let word = u32::from(address) | u32::from(command) << 16 | u32::from(!command) << 24;
-        let (port, pin) = self.wiring.remote;
+        let remote = self.wiring.remote;
         let mut at = ns;
         let mut mark = |mark_us: u64, space_us: u64| {
-            self.edges.push(Reverse((at, port, pin, false)));
-            self.edges.push(Reverse((at + 10 * percent * mark_us, port, pin, true)));
+            self.drive_at(at, remote, false);
+            self.drive_at(at + 10 * percent * mark_us, remote, true);
             at += 10 * percent * (mark_us + space_us);
         };
         mark(9000, 4500);
@@ -294,8 +282,7 @@ impl World {
             && at <= now.0
         {
             self.edges.pop();
-            self.driven.insert((port, pin), is_high);
-            chip.drive(now, port, pin, Some(Level::from(is_high)));
+            self.drive(chip, now, (port, pin), is_high);
             self.encoders(chip, now, (port, pin));
         }
         let next = self.edges.peek().map_or(self.next_ns, |edge| edge.0.0.min(self.next_ns));
@@ -346,8 +333,8 @@ impl World {
             let put = |(multiplexer, address), counts| {
                 self.voltages.put(multiplexer, address, Some(millivolts(counts)));
             };
-            (0..6).for_each(|i| put(place::potentiometer(i), read.potentiometers[i]));
-            (0..6).for_each(|i| put(place::current(i), read.currents[i]));
+            (0..6).for_each(|i| put((0, i), read.potentiometers[i]));
+            (0..6).for_each(|i| put((1, i), read.currents[i]));
             slow(&sensors).for_each(|(place, counts)| put(place, counts));
         }
     }
@@ -376,7 +363,7 @@ impl World {
     }
 }
 
-/// Places and counts of the inputs that are not control's.
+/// Places (multiplexer, address) and counts of the inputs that are not control's.
 fn slow(sensors: &Sensors) -> impl Iterator<Item = ((usize, usize), u16)> {
     let at = |multiplexer: usize, first: usize| {
         move |(i, &counts): (usize, &u16)| ((multiplexer, first + i), counts)

@@ -40,7 +40,7 @@ pub struct Converter {
     inner: Adc,
     adcclk_hz: u64,
     /// What is on its pins.
-    pub front: Box<dyn Front>,
+    front: Box<dyn Front>,
     /// Which of them are looked at.
     inputs: &'static [u8],
     /// When samples were taken, the newest last, while somebody wants to know.
@@ -50,17 +50,21 @@ pub struct Converter {
 impl Converter {
     /// As it comes out of reset, with these inputs in use.
     pub fn new(front: Box<dyn Front>, inputs: &'static [u8], reference_mv: u32) -> Self {
-        let mut inner = Adc::with_clock(RESET_HZ / 2);
-        inner.set_reference(reference_mv);
+        let inner = adc(reference_mv);
         Self { inner, adcclk_hz: RESET_HZ / 2, front, inputs, sampled_ns: None }
     }
 
     /// Puts it back as it comes out of reset.
     pub fn restart(&mut self, reference_mv: u32) {
-        let mut inner = Adc::with_clock(RESET_HZ / 2);
-        inner.set_reference(reference_mv);
-        self.inner = inner;
+        self.inner = adc(reference_mv);
     }
+}
+
+/// The model as it comes out of reset.
+fn adc(reference_mv: u32) -> Adc {
+    let mut adc = Adc::with_clock(RESET_HZ / 2);
+    adc.set_reference(reference_mv);
+    adc
 }
 
 impl Device for Converter {

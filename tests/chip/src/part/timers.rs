@@ -58,7 +58,7 @@ pub type Shared = Arc<Mutex<Waveform>>;
 #[derive(Debug)]
 pub struct Pwm {
     /// rigless' model.
-    pub inner: Tim<Advanced>,
+    inner: Tim<Advanced>,
     /// Whose TRGO is this timer's ITR0, as an instance.
     master: Option<&'static str>,
     waveform: Shared,
