@@ -2,7 +2,9 @@
 
 use protocol::extension::Verdict;
 
-use crate::session::Personality;
+use crate::client::number_of;
+use crate::link::Link;
+use crate::session::{Failure, Personality};
 
 /// Why something could not be done. Its text is one line, for people.
 #[derive(Debug, thiserror::Error)]
@@ -81,6 +83,29 @@ pub enum Error {
 }
 
 impl Error {
+    /// What an exchange's failure means for what was asked.
+    pub(crate) fn of(failure: Failure, personality: Personality, what: &'static str) -> Self {
+        match failure {
+            Failure::NoAnswer => Self::NoAnswer(what),
+            Failure::Refused(verdict, number) => {
+                Self::Refused { verdict, setting: (number != 0).then(|| number_of(number)) }
+            }
+            Failure::NotCarried => Self::NotCarried(personality, what, ""),
+        }
+    }
+
+    /// Nobody that we know was heard on a link, on which so many bytes came.
+    pub(crate) fn nobody(link: &Link, received: u64) -> Self {
+        Self::NoBoard(match received {
+            0 => format!(
+                "{link}: open, and nobody speaks; see that the board has power, and TX and RX are not swapped"
+            ),
+            bytes => format!(
+                "{link}: {bytes} bytes came and none is of a board we know; see the baud rate, and that this is the right device"
+            ),
+        })
+    }
+
     /// Of a stop that was sent: what keeps its confirmation from coming leaves the motors' state unknown.
     pub(crate) fn of_a_stop(self) -> Self {
         match self {

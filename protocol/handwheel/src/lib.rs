@@ -45,11 +45,13 @@ pub mod cli;
 pub mod client;
 mod error;
 pub mod link;
+mod motion;
 mod number;
 pub mod picture;
 pub mod session;
 pub mod step;
 pub mod transport;
+pub mod web;
 pub mod words;
 
 pub use client::{Client, Target};

@@ -8,6 +8,13 @@ use std::path::Path;
 use std::time::Duration;
 
 use plotters::prelude::*;
+use protocol::extension::MachineState;
+use serde_json::{Value, json};
+
+use crate::client::Target;
+use crate::error::Error;
+use crate::number::Number;
+use crate::words;
 
 /// A moment of a response.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,6 +69,88 @@ pub fn response(samples: &[Sample], start: f64, target: f64) -> Option<Response>
         settling,
         steady_error: target - mean,
     })
+}
+
+/// The wire's positions wrap here; the machine state's do not.
+const TURN: f64 = 32_768.0;
+
+/// From where to where a position step went: the wire has a turn's counts, and which way round it went is
+/// seen by where it came to.
+fn way(samples: &[Sample], target: i16) -> (f64, f64) {
+    let start = samples.first().map_or(0.0, |sample| sample.value);
+    let end = samples.last().map_or(0.0, |sample| sample.value);
+    let off = (f64::from(target) - end).rem_euclid(TURN);
+    (start, end + if off > TURN / 2.0 { off - TURN } else { off })
+}
+
+/// A step that is being driven, as machine states tell of it.
+pub(crate) struct Course {
+    motor: Number,
+    target: Target,
+    samples: Vec<Sample>,
+    /// The board's time of the first state, and the time since the command then: the board's own clock counts
+    /// on, as what the line adds is no part of the response.
+    first: Option<(u16, Duration)>,
+    /// What limited it in the last state.
+    pub(crate) why: Option<String>,
+}
+
+impl Course {
+    /// One that begins. The target is a velocity or a position.
+    pub(crate) fn new(motor: Number, target: Target) -> Self {
+        Self { motor, target, samples: Vec::new(), first: None, why: None }
+    }
+
+    /// Takes a state that came so long after the command.
+    pub(crate) fn see(&mut self, state: &MachineState, elapsed: Duration) {
+        let channel = &state.channels[self.motor.index()];
+        let (began, since) = *self.first.get_or_insert((state.time_ms, elapsed));
+        let time = since + Duration::from_millis(state.time_ms.wrapping_sub(began).into());
+        let value = match self.target {
+            Target::Position(_) => channel.position,
+            _ => channel.velocity,
+        };
+        self.why = words::reason(channel);
+        let duty = words::percent(channel.duty) / 100.0;
+        self.samples.push(Sample { time, value: value.into(), duty });
+    }
+
+    /// What was seen.
+    pub(crate) fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// What the values count.
+    pub(crate) fn unit(&self) -> &'static str {
+        if matches!(self.target, Target::Position(_)) { "counts" } else { "counts/s" }
+    }
+
+    /// What the loop made of it, and the target in the samples' scale.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] if there was no step.
+    pub(crate) fn response(&self) -> Result<(Response, f64), Error> {
+        let (start, aim) = match self.target {
+            Target::Position(target) => way(&self.samples, target),
+            Target::Velocity(target) => (0.0, target.into()),
+            Target::Duty(duty) => (0.0, duty),
+        };
+        let found = response(&self.samples, start, aim).ok_or_else(|| {
+            Error::Stopped(format!(
+                "motor {}: no step; it was at the target, or the time was too short",
+                self.motor
+            ))
+        })?;
+        Ok((found, aim))
+    }
+
+    /// The samples for programs: ms, value, duty from -1 to 1.
+    pub(crate) fn list(&self) -> Vec<Value> {
+        let row = |s: &Sample| {
+            json!([s.time.as_millis() as u64, s.value, (s.duty * 1000.0).round() / 1000.0])
+        };
+        self.samples.iter().map(row).collect()
+    }
 }
 
 /// Draws it into an SVG file: the value and the target above, the duty below.
@@ -166,5 +255,13 @@ mod tests {
         plot(&mut text, "motor 1", "counts/s", &samples(|t| t), 1.0).unwrap();
         assert!(text.starts_with("<svg") && text.trim_end().ends_with("</svg>"));
         assert!(text.matches("<polyline").count() >= 3 && text.contains("counts/s"));
+    }
+
+    #[test]
+    fn a_position_steps_the_way_that_it_went() {
+        let sample = |value| Sample { time: Duration::ZERO, value, duty: 0.0 };
+        assert_eq!(way(&[sample(100.0), sample(5990.0)], 6000), (100.0, 6000.0));
+        assert_eq!(way(&[sample(100.0), sample(-2750.0)], 30_000), (100.0, -2768.0));
+        assert_eq!(way(&[sample(100.0), sample(29_990.0)], 30_000), (100.0, 30_000.0));
     }
 }

@@ -194,6 +194,50 @@ pub fn duration(ms: u64) -> String {
     }
 }
 
+/// Infrared range in cm, 10 to 80 (Table II.4).
+pub fn infrared_cm(counts: u16) -> f64 {
+    let volts = 3.0 * f64::from(counts) / 4028.0 - 0.17;
+    if volts > 0.0 { (21.6 / volts).clamp(10.0, 80.0) } else { 80.0 }
+}
+
+/// What a setting is about, by its name.
+pub fn group(name: &str) -> &'static str {
+    let stem = match name.rsplit_once(' ') {
+        Some((stem, member)) if member.parse::<u8>().is_ok() => stem,
+        _ => name,
+    };
+    match stem {
+        "position Kp" | "position Kd" | "position Ki" | "velocity Kp" | "velocity Kd"
+        | "velocity Ki" | "Ki reading" => "gains",
+        "sensor" | "method" | "polarity" | "full speed encoder" | "full speed potentiometer" => {
+            "sensors and motors"
+        }
+        "slew time" | "acceleration" | "highest duty" | "integral share" | "soft limit low"
+        | "soft limit high" => "limits",
+        "link timeout"
+        | "longest move"
+        | "oldest command"
+        | "telemetry period"
+        | "machine state period" => "host",
+        _ if stem.starts_with("sonar")
+            || stem.starts_with("infrared")
+            || stem.starts_with("wheel")
+            || stem.starts_with("collision") =>
+        {
+            "collision protection"
+        }
+        _ if stem.starts_with("arm ") || stem.starts_with("joint ") => "arm",
+        _ if stem.contains("battery")
+            || stem.contains("driver")
+            || stem.contains("hot")
+            || stem.contains("thermometer") =>
+        {
+            "supply and heat"
+        }
+        _ => "protection",
+    }
+}
+
 /// The nearest of some names, if one is near enough to be meant: the shortest in which words begin as these
 /// do, else the one that is spelled most like it.
 pub fn nearest<'a>(name: &str, names: impl IntoIterator<Item = &'a str>) -> Option<String> {

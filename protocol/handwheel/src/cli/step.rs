@@ -5,17 +5,13 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use protocol::extension::Mode;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::{Context, Outcome, Quantity};
 use crate::client::Target;
 use crate::error::Error;
 use crate::number::Number;
-use crate::step::{Sample, draw, response};
-use crate::words;
-
-/// The wire's positions wrap here; the machine state's do not.
-const TURN: f64 = 32_768.0;
+use crate::step::{Course, draw};
 
 impl Context<'_, '_> {
     /// The motor is stopped at the end, whatever happens.
@@ -42,8 +38,8 @@ impl Context<'_, '_> {
         if channel.mode != Mode::Off {
             return Err(Error::Stopped(format!("motor {motor} is driven; `handwheel stop` first")));
         }
-        let (what, unit) = match quantity {
-            Quantity::Velocity => (Target::Velocity(target), "counts/s"),
+        let what = match quantity {
+            Quantity::Velocity => Target::Velocity(target),
             Quantity::Position if target < 0 => {
                 return Err(Error::OutOfRange {
                     name: "position".into(),
@@ -52,28 +48,16 @@ impl Context<'_, '_> {
                     high: i16::MAX.into(),
                 });
             }
-            Quantity::Position => (Target::Position(target), "counts"),
+            Quantity::Position => Target::Position(target),
         };
-        let mut samples = Vec::new();
-        let mut why = None;
+        let mut course = Course::new(motor, what);
         self.holds();
         let interrupted = self.io.interrupt.wanted.clone();
         client.end_when(interrupted.clone());
         let mut drive = client.drive(motor, what, Duration::ZERO)?;
-        // The board's own clock: what the line adds is no part of the response.
-        let mut first = None;
         let held = drive.hold_while(|elapsed, state| {
             if let Some(state) = state {
-                let channel = &state.channels[motor.index()];
-                let (began, since) = *first.get_or_insert((state.time_ms, elapsed));
-                let time = since + Duration::from_millis(state.time_ms.wrapping_sub(began).into());
-                let value = match quantity {
-                    Quantity::Velocity => channel.velocity,
-                    Quantity::Position => channel.position,
-                };
-                why = words::reason(channel);
-                let duty = words::percent(channel.duty) / 100.0;
-                samples.push(Sample { time, value: value.into(), duty });
+                course.see(state, elapsed);
             }
             elapsed < time && !interrupted.load(Ordering::Relaxed)
         });
@@ -85,39 +69,26 @@ impl Context<'_, '_> {
                 return Err(why);
             }
         };
-        let (start, aim) = match quantity {
-            Quantity::Velocity => (0.0, f64::from(target)),
-            Quantity::Position => way(&samples, target),
-        };
-        let found = response(&samples, start, aim).ok_or_else(|| {
-            Error::Stopped(format!(
-                "motor {motor}: no step; it was at the target, or the time was too short"
-            ))
-        })?;
+        let (found, aim) = course.response()?;
+        let unit = course.unit();
         let ms = |time: Option<Duration>| time.map(|time| time.as_millis() as u64);
         let said = |time: Option<Duration>| match ms(time) {
             Some(ms) => format!("{ms} ms"),
             None => "not within this time".into(),
         };
-        if let Some(why) = why {
+        if let Some(why) = &course.why {
             self.remark(&format!("motor {motor}: at the end {why}"));
         }
-        self.say(&format!("motor {motor}: step to {what}, {} samples", samples.len()));
+        self.say(&format!("motor {motor}: step to {what}, {} samples", course.samples().len()));
         self.say(&format!("rise (10 to 90 %)     {}", said(found.rise)));
         self.say(&format!("overshoot             {:.1} %", found.overshoot_percent));
         self.say(&format!("settling (within 5 %) {}", said(found.settling)));
         self.say(&format!("steady error          {:.1} {unit}", found.steady_error));
         if let Some(file) = svg {
             let title = format!("motor {motor}: step to {what}");
-            draw(file, &title, unit, &samples, aim).map_err(Error::File)?;
+            draw(file, &title, unit, course.samples(), aim).map_err(Error::File)?;
             self.say(&format!("drawn in {}", file.display()));
         }
-        let list: Vec<Value> = samples
-            .iter()
-            .map(|s| {
-                json!([s.time.as_millis() as u64, s.value, (s.duty * 1000.0).round() / 1000.0])
-            })
-            .collect();
         self.tell(&json!({
             "motor": motor.index() + 1,
             "target": aim,
@@ -127,7 +98,7 @@ impl Context<'_, '_> {
             "settling_ms": ms(found.settling),
             "steady_error": found.steady_error,
             "stands": stopped.stands,
-            "samples_ms_value_duty": list,
+            "samples_ms_value_duty": course.list(),
         }));
         let json = std::mem::replace(&mut self.json, false);
         let status = if json {
@@ -137,27 +108,5 @@ impl Context<'_, '_> {
         };
         self.json = json;
         Ok(status)
-    }
-}
-
-/// From where to where a position step went: the wire has a turn's counts, and which way round it went is
-/// seen by where it came to.
-fn way(samples: &[Sample], target: i16) -> (f64, f64) {
-    let start = samples.first().map_or(0.0, |sample| sample.value);
-    let end = samples.last().map_or(0.0, |sample| sample.value);
-    let off = (f64::from(target) - end).rem_euclid(TURN);
-    (start, end + if off > TURN / 2.0 { off - TURN } else { off })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_position_steps_the_way_that_it_went() {
-        let sample = |value| Sample { time: Duration::ZERO, value, duty: 0.0 };
-        assert_eq!(way(&[sample(100.0), sample(5990.0)], 6000), (100.0, 6000.0));
-        assert_eq!(way(&[sample(100.0), sample(-2750.0)], 30_000), (100.0, -2768.0));
-        assert_eq!(way(&[sample(100.0), sample(29_990.0)], 30_000), (100.0, 30_000.0));
     }
 }

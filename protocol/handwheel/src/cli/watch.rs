@@ -11,7 +11,7 @@ use protocol::pms5005::Report;
 use serde_json::{Value, json};
 
 use super::{Context, DONE, Outcome, drives, numbers};
-use crate::client::{Client, Servo, driven};
+use crate::client::{Client, Servo, Uptime, driven};
 use crate::error::Error;
 use crate::session::Personality;
 use crate::words;
@@ -83,7 +83,7 @@ impl Context<'_, '_> {
             self.say(&csv_header());
         }
         let title = client.link().to_string();
-        let mut clock = Clock::default();
+        let mut clock = Uptime::default();
         let mut others = Vec::new();
         for state in client.states()? {
             let state = state?;
@@ -221,19 +221,6 @@ impl Context<'_, '_> {
             }
         }
         Ok(DONE)
-    }
-}
-
-/// The machine state has the low 16 bits of the uptime: this counts on from the first.
-#[derive(Default)]
-struct Clock(Option<(u16, u64)>);
-
-impl Clock {
-    fn unwrap(&mut self, time_ms: u16) -> u64 {
-        let (last, total) = self.0.unwrap_or((time_ms, 0));
-        let total = total + u64::from(time_ms.wrapping_sub(last));
-        self.0 = Some((time_ms, total));
-        total
     }
 }
 

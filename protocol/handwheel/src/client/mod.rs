@@ -19,30 +19,30 @@ use std::time::{Duration, Instant};
 use protocol::extension::{
     Action, Counters, FaultRecord, Health, Identity, MachineState, Mode, Refusals, Request, flag,
 };
-use protocol::pms5005::{CHANNELS, Command, MAX_FRAME};
+use protocol::pms5005::{CHANNELS, Command};
 
 use crate::auto;
 use crate::error::Error;
 use crate::link::Link;
 use crate::number::Number;
-use crate::session::{Event, Failure, Personality, Reply, Session};
+use crate::session::{Event, Failure, Greeting, HEAR, Personality, Reply, Session};
 use crate::transport::{self, Transport};
 
+pub use crate::motion::target::Target;
+pub use crate::session::Setting;
 pub use arm::Arm;
-pub use motion::{Drive, Target};
-pub(crate) use settings::check;
+pub use motion::Drive;
+pub(crate) use motion::LINK_TIMEOUT;
 pub use settings::{Settings, find};
+pub(crate) use settings::{assignments, check, most, number_of, parts, with_name};
 pub use stop::Stopped;
 pub use streams::{Reports, Servo, Servos, States};
+pub(crate) use streams::{Uptime, servo};
 
 /// How long one read waits; nothing is later than that.
 const TICK: Duration = Duration::from_millis(10);
-/// A board says something at least once a second, and a CM-5's hello comes once a second.
-const HEAR: Duration = Duration::from_millis(2500);
 /// Within what time a board that is there says something.
 const PING: Duration = Duration::from_millis(1300);
-/// On a link that the user has named, when a board that is silent is first spoken to.
-const SPEAK: Duration = Duration::from_millis(300);
 
 /// A connected board. Dropped, it ends what it has begun: streams, and a session of ARCOS.
 pub struct Client {
@@ -302,15 +302,8 @@ impl Client {
         }
     }
 
-    fn failed(&mut self, failure: Failure, what: &'static str) -> Error {
-        match failure {
-            Failure::NoAnswer => Error::NoAnswer(what),
-            Failure::Refused(verdict, number) => {
-                let setting = (number != 0).then(|| settings::number_of(number));
-                Error::Refused { verdict, setting }
-            }
-            Failure::NotCarried => Error::NotCarried(self.personality(), what, ""),
-        }
+    fn failed(&self, failure: Failure, what: &'static str) -> Error {
+        Error::of(failure, self.personality(), what)
     }
 
     /// Waits for what comes of the exchange under way.
@@ -370,47 +363,23 @@ impl Client {
         Ok(())
     }
 
-    /// Listens until it is known what is there. A UDP peer says nothing before it is spoken to, nor does
-    /// a robot that waits for SYNC0; what is said to them moves nothing and keeps nothing running.
+    /// Listens until it is known what is there.
     pub(crate) fn find_out(&mut self) -> Result<Personality, Error> {
-        let is_udp = matches!(self.link, Link::Udp(_));
-        let mut speaks = if is_udp { Duration::ZERO } else { SPEAK };
-        let mut is_sync = false;
+        let mut greeting = Greeting::new(matches!(self.link, Link::Udp(_)), self.now());
+        let end = self.now() + HEAR;
         loop {
             if let Some(personality) = self.session.personality() {
                 return Ok(personality);
             }
-            if self.now() >= HEAR {
-                return Err(self.nobody());
+            if self.now() >= end {
+                return Err(Error::nobody(&self.link, self.session.received()));
             }
-            if self.now() >= speaks {
-                speaks = self.now() + SPEAK;
-                let mut buffer = [0; MAX_FRAME];
-                let said = if is_sync {
-                    protocol::arcos::SYNC[0].encode(&mut buffer)
-                } else {
-                    Command::Extension(Request::Identity).encode(0, &mut buffer)
-                };
-                is_sync = !is_sync && !is_udp;
-                if let Ok(frame) = said {
-                    let written = self.transport.write(frame);
-                    written.map_err(|error| Error::Gone(self.link.to_string(), error))?;
-                }
+            if let Some(said) = greeting.say(self.now()) {
+                let written = self.transport.write(&said);
+                written.map_err(|error| Error::Gone(self.link.to_string(), error))?;
             }
             self.pump(TICK)?;
         }
-    }
-
-    fn nobody(&self) -> Error {
-        let link = &self.link;
-        Error::NoBoard(match self.session.received() {
-            0 => format!(
-                "{link}: open, and nobody speaks; see that the board has power, and TX and RX are not swapped"
-            ),
-            bytes => format!(
-                "{link}: {bytes} bytes came and none is of a board we know; see the baud rate, and that this is the right device"
-            ),
-        })
     }
 
     /// `None` where there is no extension: the board refuses the question, or says other things and speaks on
@@ -441,7 +410,7 @@ impl Drop for Client {
 }
 
 /// Which channels are on, whoever has switched them on.
-fn on(state: &MachineState) -> [bool; CHANNELS] {
+pub(crate) fn on(state: &MachineState) -> [bool; CHANNELS] {
     state.channels.map(|channel| channel.mode != Mode::Off)
 }
 

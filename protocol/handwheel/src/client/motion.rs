@@ -12,94 +12,21 @@
 
 use std::time::Duration;
 
-use protocol::extension::{ChannelState, MachineState, Mode, Reason, Request};
-use protocol::pms5005::{Addressing, CHANNELS, Command, LcdFrame, Move, Quantity, Scope};
+use protocol::extension::{MachineState, Mode, Request};
+use protocol::pms5005::{CHANNELS, Command, LcdFrame};
 
-use super::stop::{STAND, STILL, Shafts, Stopped};
+use super::stop::{STAND, Stopped};
 use super::streams::RENEW;
 use super::{Client, TICK, driven, on};
 use crate::error::Error;
+use crate::motion::shafts::{STILL, Shafts};
+use crate::motion::target::{self, Target};
+use crate::motion::watch::{GRACE, Watch};
 use crate::number::Number;
-use crate::session::{Event, SIGN_OF_LIFE};
-use crate::words;
+use crate::session::{Event, sign_of_life};
 
-/// PWM without drive, and the most either way.
-pub(super) const NEUTRAL: i16 = 16_384;
-/// Servo pulses in counts of 1/2250 ms.
-const COUNTS_PER_MS: f64 = 2250.0;
-/// What a board tells may be older than the command.
-const GRACE: Duration = Duration::from_millis(150);
 /// A board that says nothing for so long is gone; it says something once a second.
 const SILENCE: Duration = Duration::from_millis(2500);
-/// How long a set-point may stand away from its target: it waits for a shaft, or for an acceleration.
-const STANDS: Duration = Duration::from_secs(2);
-/// A set-point is the target when it is so near: the wire rounds.
-const ROUNDED: i32 = 1;
-/// A shaft that is so near to its set-point does not keep it waiting.
-const NEAR_COUNTS: i32 = 20;
-/// Positions wrap here.
-const TURN: i32 = 32_768;
-
-/// What a motor is to do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Target {
-    /// Open loop: -1 to 1 of full drive.
-    Duty(f64),
-    /// Counts of its sensor per second, -32767 to 32767.
-    Velocity(i16),
-    /// A position in counts of its sensor, 0 to 32767; a potentiometer has 4096 of them.
-    Position(i16),
-}
-
-impl Target {
-    fn on_the_wire(self) -> (Quantity, i16) {
-        match self {
-            Self::Duty(duty) => {
-                let word = f64::from(NEUTRAL) * (1.0 + duty.clamp(-1.0, 1.0));
-                (Quantity::Pwm, word.round().clamp(0.0, f64::from(i16::MAX)) as i16)
-            }
-            Self::Velocity(velocity) => (Quantity::Velocity, velocity),
-            Self::Position(position) => (Quantity::Position, position),
-        }
-    }
-
-    /// What the machine state shows when it is reached.
-    fn in_the_state(self) -> (Mode, i32) {
-        match self.on_the_wire() {
-            (Quantity::Pwm, word) => (Mode::Pwm, i32::from(word) - i32::from(NEUTRAL)),
-            (Quantity::Velocity, velocity) => (Mode::Velocity, velocity.into()),
-            (_, position) => (Mode::Position, position.into()),
-        }
-    }
-}
-
-/// How far apart two positions are, the shorter way.
-fn apart(a: i32, b: i32) -> i32 {
-    let way = a.wrapping_sub(b).rem_euclid(TURN);
-    way.min(TURN - way)
-}
-
-impl std::fmt::Display for Target {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Duty(duty) => write!(f, "PWM {} %", duty * 100.0),
-            Self::Velocity(velocity) => write!(f, "velocity {velocity} counts/s"),
-            Self::Position(position) => write!(f, "position {position} counts"),
-        }
-    }
-}
-
-fn targets(number: Number, value: i16) -> [Option<i16>; CHANNELS] {
-    let mut targets = [None; CHANNELS];
-    targets[number.index()] = Some(value);
-    targets
-}
-
-fn move_of(number: Number, quantity: Quantity, value: i16, time: Duration) -> Command<'static> {
-    let periods = u16::try_from(time.as_millis()).unwrap_or(u16::MAX);
-    let targets = targets(number, value);
-    Command::Move(Move { quantity, addressing: Addressing::List, targets, periods })
-}
 
 impl Client {
     /// Gives a motor a target, to be reached in so much time (a ramp of the set-point; at most 65 s), and
@@ -118,30 +45,26 @@ impl Client {
         self.needs_a_pms5005("motors")?;
         let life = self.sign_of_life();
         let before = self.state_off(motor)?;
-        let (quantity, value) = target.on_the_wire();
         let now = self.now();
         // From here on the motor may run, and a drive that is dropped stops it.
         let mut drive = Drive {
             client: self,
             motor,
-            target,
-            ramp: time,
-            nearest: None,
+            watch: Watch::new(motor, target, time, now),
             on: before.map_or([false; CHANNELS], |state| on(&state)),
             others: before.map_or(Vec::new(), |state| driven(&state)),
-            command: move_of(motor, quantity, value, time).did(),
-            begun: now,
             renew: now,
             shafts: Shafts::default(),
             over: false,
         };
-        let command = move_of(motor, quantity, value, time);
+        let command = target.command(motor, time);
         if !drive.client.is_to_end() {
             drive.client.command_unless_it_is_to_end(&command, "a motion command")?;
         }
         let now = drive.client.now();
         drive.client.session.drive(Some(life), now);
-        (drive.begun, drive.renew) = (now, now);
+        drive.watch.begins(now);
+        drive.renew = now;
         Ok(drive)
     }
 
@@ -162,16 +85,10 @@ impl Client {
         }
     }
 
-    /// How often a sign of life is due: four times in the silence that the board allows.
+    /// How often a sign of life is due.
     fn sign_of_life(&mut self) -> Duration {
         let timeout = self.identity.and_then(|_| self.numbered(LINK_TIMEOUT).ok());
-        match timeout.map(|setting| setting.value) {
-            Some(ms @ 1..) => {
-                let quarter = Duration::from_millis(ms.unsigned_abs().into()) / 4;
-                quarter.clamp(TICK, SIGN_OF_LIFE)
-            }
-            _ => SIGN_OF_LIFE,
-        }
+        sign_of_life(timeout.map(|setting| setting.value))
     }
 
     /// Moves a servo: a pulse in microseconds, 223 to 3111, in so much time. It holds, also when the host
@@ -180,18 +97,7 @@ impl Client {
     /// # Errors
     /// [`Error::OutOfRange`]; as [`drive`](Self::drive).
     pub fn servo(&mut self, servo: Number, pulse_us: f64, time: Duration) -> Result<(), Error> {
-        let counts = (pulse_us * COUNTS_PER_MS / 1000.0).round();
-        let (low, high) = Quantity::Servo.range();
-        if !(f64::from(low)..=f64::from(high)).contains(&counts) {
-            let us = |counts: i16| f64::from(counts) * 1000.0 / COUNTS_PER_MS;
-            return Err(Error::OutOfRange {
-                name: format!("servo {servo}, in us"),
-                value: pulse_us.round() as i64,
-                low: us(low).ceil() as i32,
-                high: us(high).floor() as i32,
-            });
-        }
-        let command = move_of(servo, Quantity::Servo, counts as i16, time);
+        let command = target::servo(servo, pulse_us, time)?;
         self.command(&command, "servos")
     }
 
@@ -225,23 +131,16 @@ impl Client {
 }
 
 /// Number of the setting "link timeout".
-const LINK_TIMEOUT: u16 = 1;
+pub(crate) const LINK_TIMEOUT: u16 = 1;
 
 /// A motor that is driven: kept running for as long as this is held, and stopped when it ends.
 pub struct Drive<'c> {
     client: &'c mut Client,
     motor: Number,
-    target: Target,
-    ramp: Duration,
-    /// The least way from set-point to target that was seen, and since when nothing but another host has kept it
-    /// from shrinking.
-    nearest: Option<(i32, Duration)>,
+    watch: Watch,
     /// The channels that were on in the last machine state.
     on: [bool; CHANNELS],
     others: Vec<Number>,
-    /// The command's DID, as a refusal names it.
-    command: u8,
-    begun: Duration,
     renew: Duration,
     /// What was seen of it since it is driven: only then is it told by the sensor that the command implies.
     shafts: Shafts,
@@ -251,7 +150,7 @@ pub struct Drive<'c> {
 impl Drive<'_> {
     /// Time since the command was acknowledged.
     pub fn elapsed(&self) -> Duration {
-        self.client.now() - self.begun
+        self.client.now() - self.watch.begun()
     }
 
     /// The motors that another host drove when this began. While this drive lasts, its signs of life keep them
@@ -297,7 +196,7 @@ impl Drive<'_> {
                     return Ok(());
                 }
             }
-            if self.client.now() > self.client.heard.max(self.begun) + SILENCE {
+            if self.client.now() > self.client.heard.max(self.watch.begun()) + SILENCE {
                 return Err(self.client.silent());
             }
         }
@@ -316,59 +215,8 @@ impl Drive<'_> {
                 "another host drives motor {other} now, which this drive would keep running if that host died; motor {motor} is stopped: let one host drive both"
             )));
         }
-        let channel = &state.channels[motor.index()];
-        let is_refused = matches!(channel.reason, Reason::OtherMethod | Reason::BeyondScale)
-            && channel.detail == self.command;
-        if self.elapsed() <= GRACE {
-            return Ok(());
-        }
-        let differs = match channel.mode {
-            Mode::Off => None,
-            _ => self.differs(channel),
-        };
-        let is_halted = matches!(
-            channel.reason,
-            Reason::Fault | Reason::Silence | Reason::Suspended | Reason::OldCommand
-        );
-        let is_neutral = channel.set_point == 0 && channel.mode != Mode::Position;
-        if channel.mode == Mode::Off || is_refused || differs.is_some() && (is_halted || is_neutral)
-        {
-            let why =
-                words::reason(channel).unwrap_or_else(|| "another host has stopped it".into());
-            return Err(Error::Stopped(format!("motor {motor} does not run: {why}")));
-        }
-        match differs {
-            Some(differs) => Err(Error::Stopped(format!(
-                "another host drives motor {motor}: {differs}; the motor is stopped: end that host"
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// How the channel's mode or set-point shows that it is not this drive's any more. On the way to its target
-    /// a set-point only comes nearer, except that a position waits for its shaft, or goes back with it.
-    fn differs(&mut self, channel: &ChannelState) -> Option<String> {
-        let (mode, target) = self.target.in_the_state();
-        if channel.mode != mode {
-            let words = [channel.mode, mode].map(words::mode);
-            return Some(format!("its mode is {}, not {}", words[0], words[1]));
-        }
-        let (set_point, is_position) = (i32::from(channel.set_point), mode == Mode::Position);
-        let way = match is_position {
-            true => apart(set_point, target),
-            false => (set_point - target).abs(),
-        };
         let now = self.client.now();
-        let (nearest, since) = self.nearest.unwrap_or((way, now));
-        let has_arrived = nearest <= ROUNDED;
-        let is_away = way > nearest + ROUNDED && (has_arrived || !is_position);
-        let is_hindered =
-            channel.reason != Reason::None || apart(channel.position, set_point) > NEAR_COUNTS;
-        let waits = is_position && is_hindered;
-        let stands = way > ROUNDED && !waits && now > since.max(self.begun + self.ramp) + STANDS;
-        let since = if way < nearest || waits { now } else { since };
-        self.nearest = Some((way.min(nearest), since));
-        (is_away || stands).then(|| format!("its set-point is {set_point}, not {target}"))
+        self.watch.look(&state.channels[motor.index()], now).map_err(Error::Stopped)
     }
 
     /// Stops the motor, and waits until the shaft stands, a second at most. Then its bridge is off.
@@ -386,12 +234,11 @@ impl Drive<'_> {
         let begun = client.now();
         client.session.drive(None, begun);
         client.session.forget();
-        client.command(&move_of(self.motor, Quantity::Pwm, NEUTRAL, Duration::ZERO), "a stop")?;
+        client.command(&target::neutral(self.motor), "a stop")?;
         client.wait_until_it_stands(&mut self.shafts, &[self.motor], begun + STAND)?;
         let stands = self.shafts.stand(&[self.motor], client.now());
         let waited = client.now() - begun;
-        let suspend = Command::Run { scope: Scope::Motor(self.motor.channel()), run: false };
-        client.command(&suspend, "a stop")?;
+        client.command(&target::suspend(self.motor), "a stop")?;
         Ok(Stopped {
             stands,
             confirmed: true,

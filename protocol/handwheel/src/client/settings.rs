@@ -13,8 +13,9 @@ pub type Settings = Vec<Setting>;
 
 /// Settings in one request, which the board takes in one control period, all or none: as many as a
 /// PMS5005's frame and an ARCOS packet hold.
-const MOST: usize = 36;
-const MOST_ARCOS: usize = 27;
+pub(crate) fn most(personality: Personality) -> usize {
+    if personality == Personality::Arcos { 27 } else { 36 }
+}
 
 /// The setting of this name.
 ///
@@ -109,8 +110,7 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub fn assign_all(&mut self, now: &[Setting], values: &[(u16, i32)]) -> Result<(), Error> {
-        let most = if self.personality() == Personality::Arcos { MOST_ARCOS } else { MOST };
-        let parts = parts(values, most);
+        let parts = parts(values, most(self.personality()));
         for (k, part) in parts.iter().enumerate() {
             let Err(error) = self.assign(part) else { continue };
             let error = with_name(error, now);
@@ -132,14 +132,10 @@ impl Client {
     }
 
     fn assign(&mut self, values: &[(u16, i32)]) -> Result<(), Error> {
-        const WHAT: &str = "setting settings";
-        let mut data = Data::new();
-        for (number, value) in values {
-            Assignments::emit(*number, *value, &mut data).map_err(|_| Error::NoAnswer(WHAT))?;
-        }
+        let data = assignments(values)?;
         let assignments = Assignments::parse(&data)
             .map_err(|verdict| Error::Refused { verdict, setting: None })?;
-        self.ask(&Request::Set(assignments), WHAT).map(drop)
+        self.ask(&Request::Set(assignments), "setting settings").map(drop)
     }
 
     /// Saves the settings that are in force; only with all motors and servos off.
@@ -161,8 +157,18 @@ impl Client {
     }
 }
 
+/// The DATA of a request that sets these.
+pub(crate) fn assignments(values: &[(u16, i32)]) -> Result<Data, Error> {
+    let mut data = Data::new();
+    for (number, value) in values {
+        Assignments::emit(*number, *value, &mut data)
+            .map_err(|_| Error::NoAnswer("setting settings"))?;
+    }
+    Ok(data)
+}
+
 /// A refusal with the name of the setting that it is about.
-fn with_name(error: Error, settings: &[Setting]) -> Error {
+pub(crate) fn with_name(error: Error, settings: &[Setting]) -> Error {
     match error {
         Error::Refused { verdict, setting: Some(number) } => {
             let is_it = |setting: &&Setting| number_of(setting.number) == number;
@@ -174,7 +180,7 @@ fn with_name(error: Error, settings: &[Setting]) -> Error {
 }
 
 /// How a setting is called whose name is not known.
-pub(super) fn number_of(number: u16) -> String {
+pub(crate) fn number_of(number: u16) -> String {
     format!("setting {number}")
 }
 
@@ -192,7 +198,7 @@ pub(crate) fn check(setting: &Setting, value: i64) -> Result<i32, Error> {
 /// Requests' worth of assignments. Settings whose numbers follow each other may depend on each other (a low
 /// limit and its high one), and the board looks at each request by itself: they stay together, where
 /// that many fit.
-fn parts(values: &[(u16, i32)], most: usize) -> Vec<Vec<(u16, i32)>> {
+pub(crate) fn parts(values: &[(u16, i32)], most: usize) -> Vec<Vec<(u16, i32)>> {
     let mut values = values.to_vec();
     values.sort_unstable();
     let mut parts: Vec<Vec<(u16, i32)>> = Vec::new();

@@ -208,7 +208,7 @@ impl Iterator for Servos<'_> {
     }
 }
 
-fn servo(id: u8, told: Option<Feedback>) -> Servo {
+pub(crate) fn servo(id: u8, told: Option<Feedback>) -> Servo {
     let registers = [
         Register::PRESENT_POSITION,
         Register::PRESENT_SPEED,
@@ -217,4 +217,17 @@ fn servo(id: u8, told: Option<Feedback>) -> Servo {
         Register::PRESENT_TEMPERATURE,
     ];
     Servo { id, registers: told.map(|told| registers.map(|register| told.get(register))) }
+}
+
+/// The machine state has the low 16 bits of the uptime: this counts on from the first.
+#[derive(Default)]
+pub(crate) struct Uptime(Option<(u16, u64)>);
+
+impl Uptime {
+    pub(crate) fn unwrap(&mut self, time_ms: u16) -> u64 {
+        let (last, total) = self.0.unwrap_or((time_ms, 0));
+        let total = total + u64::from(time_ms.wrapping_sub(last));
+        self.0 = Some((time_ms, total));
+        total
+    }
 }

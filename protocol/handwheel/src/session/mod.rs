@@ -12,6 +12,7 @@
 //! - Time is a [`Duration`] since anything, and never goes back. Everything is bounded by what is asked.
 
 mod exchange;
+mod greeting;
 mod heard;
 #[cfg(test)]
 mod tests;
@@ -25,6 +26,7 @@ use protocol::extension::{Answer, MachineState, Request};
 use protocol::pms5005::{Command, Frame, MAX_FRAME, RES_NO_ACK, RID_HOST, Report, did};
 
 pub use exchange::{Failure, Reply, Setting};
+pub use greeting::{Greeting, HEAR};
 pub use heard::Personality;
 
 use exchange::{Exchange, Wants};
@@ -33,6 +35,18 @@ use heard::Ear;
 /// The longest time between two signs of life; a board stops what moves after 2 s of silence unless its
 /// setting 1 says otherwise.
 pub const SIGN_OF_LIFE: Duration = Duration::from_millis(500);
+
+/// How often a sign of life is due: four times in the silence that the board allows, in ms, if it is known;
+/// 0 is any.
+pub fn sign_of_life(link_timeout_ms: Option<i32>) -> Duration {
+    match link_timeout_ms {
+        Some(ms @ 1..) => {
+            let quarter = Duration::from_millis(ms.unsigned_abs().into()) / 4;
+            quarter.clamp(Duration::from_millis(10), SIGN_OF_LIFE)
+        }
+        _ => SIGN_OF_LIFE,
+    }
+}
 
 /// Something that was heard.
 #[derive(Clone, Debug, PartialEq)]
@@ -201,6 +215,11 @@ impl Session {
         if let Ok(bytes) = command.encode(RES_NO_ACK, &mut buffer) {
             self.out.push_back(bytes.to_vec());
         }
+    }
+
+    /// Sends bytes as they are: one frame or packet.
+    pub fn say(&mut self, bytes: Vec<u8>) {
+        self.out.push_back(bytes);
     }
 
     /// Whether signs of life are sent, and how often. The caller's own commands are some too.

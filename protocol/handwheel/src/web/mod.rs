@@ -1,0 +1,70 @@
+//! The page: a board seen, driven and tuned in a browser, and the JSON interface between them.
+//!
+//! ```text
+//!  browser ──JSON──> server ──> Panel ──> Session ──> board     (a panel is pure: it runs on virtual time)
+//!          <──JSON── (sockets)   │
+//!                                └──> world, if the board is a virtual one
+//! ```
+//!
+//! - `panel`: what pages may do and are told, without I/O; [`serve`]: HTTP, sockets and a line around it;
+//! - `page/`: what the browser gets: one HTML file, its style and its scripts. Nothing else is fetched.
+//!
+//! # The interface
+//! The same for every transport. `GET /` and what it names are the page; `GET /socket` is a WebSocket whose text
+//! messages are one JSON object each. Motors and servos are 1 to 6, counts those of a motor's sensor.
+//!
+//! ## What a page says
+//! `{"do": NAME, "id": N, ...}`. With an `id`, any number of the page's, it gets one answer: `{"id": N, "ok": VALUE}`
+//! or `{"id": N, "error": TEXT}`, one line that names what is wrong and what to do.
+//!
+//! | do | with | armed | |
+//! |---|---|---|---|
+//! | `stop` | | no | everything off, at once; ok `{"confirmed", "stands", "opposed"}` when that is known |
+//! | `arm`, `disarm` | | no | takes the right to write, if no other page has it; gives it back, and what it drives is stopped |
+//! | `alive` | | | due every 50 ms from the page that is armed: after 250 ms without, what it drives is stopped |
+//! | `drive` | `motor`, one of `velocity` (counts/s), `position` (counts), `duty` (percent); `ms` of ramp, 0 | yes | motor runs until it is told otherwise; ok null when acknowledged |
+//! | `off` | `motor` | yes | stops this one |
+//! | `step` | `motor`, `velocity` or `position`, `ms`: how long, 2000 | yes | ok as [below](#a-step) when it is over; the motor is stopped then |
+//! | `servo` | `servo`, `us`, `ms` | yes | a pulse in microseconds, which holds |
+//! | `gpio` | `outputs`: 0 to 255 | yes | bit 0 is GPIO0 |
+//! | `lcd` | `image`: 2048 hex digits | yes | sixteen parts of 64 columns as DID 23 has them |
+//! | `zero` | `motor` | yes | its encoder's count becomes 0; the motor must be off |
+//! | `clear` | `motor`, or nothing: all | yes | clears what is latched |
+//! | `set` | `values`: `{NAME: NUMBER, ...}` | yes | settings in force, all or none, not saved |
+//! | `save`, `reset` | | yes | saves what is in force; the defaults, saved. Only with all off |
+//! | `settings` | | no | reads all settings anew |
+//! | `backup` | | no | ok is the text of a file |
+//! | `diff` | `text` | no | ok `{"differ": [{"name", "board", "file"}], "missing": [NAME]}` |
+//! | `restore` | `text` | yes | puts a backup in force and saves it, all or none; ok as `diff`'s |
+//! | `world` | `set`: `{KEY: VALUE, ...}` | no | changes a virtual board's world |
+//!
+//! ## What it is told
+//! `{"tell": NAME, ...}`, when it opens and whenever it changes:
+//!
+//! | tell | with |
+//! |---|---|
+//! | `page` | `name` of this page (`"page 2"`) |
+//! | `board` | `link`, `connected`, `why` if not; `kind` (`"pms5005"`, `"pioneer-arm"`, `"cm5"`), `title`, `firmware` (`"0.1.0"` or null), `extension`, `start` and `origin` (why it started, where its settings are from; words), `has_state`, `is_virtual` |
+//! | `armed` | `by`: the name of the page that is armed, or null; `you` |
+//! | `state` | up to 50 a second: `ms` (of the board's uptime, never back), `silent`, `obstacle`, `fault`, `refused`, `battery_v` (board, motors, servos), `servos_us` (null is no pulse), `motors`: six of `mode` (`"off"`, `"PWM"`, `"position"`, `"velocity"`), `set_point`, `position`, `velocity`, `duty` (percent), `current` (A), `reason` (words or null), `ours` (driven from a page here) |
+//! | `sensors` | up to 10 a second: `sonar_cm` (255 nothing), `ir_cm` (10 to 80), `human`, `tilt`, `overheat`, `temperature`, `custom`, `reference` (A/D), `potentiometers` (A/D), `inputs` (bits), `remote` |
+//! | `health` | once a second: `uptime_ms`, `latency_us` (worst), `stack`, `missed` (periods), `faults` (how many), `counters` and `refusals` (names and numbers), `frames` and `bytes` a second on this link |
+//! | `faults` | `faults`: a list of `number`, `name`, `whose`, `motor` (or null), `ms`, `remedy`, `values`: `[NAME, NUMBER]` pairs |
+//! | `settings` | `settings`: a list of `name`, `group`, `value`, `default`, `low`, `high`, `unit` (words); `unsaved`: whether something was set since the last save |
+//! | `outputs` | what pages here have set, as the wire does not tell it: `gpio` (or null), `lcd` (or null) |
+//! | `note` | `text`: what happened by itself, as a stop and why |
+//! | `joints` | of an arm: `powered`, `connected`, `joints`: six of `position` (ticks), `moving` |
+//! | `servos` | of a CM-5: a list of `id` and, if it reports, `position`, `speed`, `load`, `voltage_v`, `temperature_c` |
+//! | `world` | of a virtual board, 5 a second: `state`, the simulated truth as the inspector tells it |
+//!
+//! ## A step
+//! `{"motor", "unit", "target", "samples": [[MS, VALUE, DUTY]], "rise_ms", "overshoot_percent", "settling_ms",
+//! "steady_error", "why"}`; rise and settling are null if they never came, `why` is what limited it at the end, or null.
+
+mod host;
+mod http;
+mod panel;
+mod server;
+
+pub use panel::{ALIVE, PageId, Panel};
+pub use server::{Serve, World, serve};

@@ -1,0 +1,303 @@
+//! Who the board is and how it is: asked when it is met, then once a second.
+
+use std::num::NonZeroU8;
+use std::time::Duration;
+
+use protocol::arcos::{
+    ArmCommand, ArmStatus, Dialect, MotionBits, Packet, SYNC, Standard, StatusRequest, command,
+};
+use protocol::extension::{Counters, FaultRecord, Health, Identity, Refusals, Request};
+use protocol::pms5005::{Command, Repeat};
+
+use super::{Panel, Purpose};
+use crate::Number;
+use crate::client::{LINK_TIMEOUT, Setting};
+use crate::session::{Event, Failure, Personality, Reply};
+
+/// How often it is asked how it is, and an arm where its joints are.
+const ASK: Duration = Duration::from_secs(1);
+const ASK_ARM: Duration = Duration::from_millis(200);
+/// How long an arm's line is listened to: a session that another host has open shows itself.
+const LISTEN: Duration = Duration::from_millis(300);
+/// How often the machine state is asked for anew, 255 times each.
+const RENEW: Duration = Duration::from_secs(1);
+
+/// What was asked.
+pub(super) enum Asked {
+    Identity,
+    LinkTimeout,
+    Health,
+    Counters,
+    Refusals,
+    Fault,
+    Sync,
+    Status,
+}
+
+/// What is known of it.
+#[derive(Default)]
+pub(super) struct Board {
+    pub(super) identity: Option<Identity>,
+    /// It has told who it is, or that it does not.
+    is_met: bool,
+    is_slow: bool,
+    /// In ms.
+    pub(super) link_timeout: Option<i32>,
+    pub(super) health: Option<Health>,
+    pub(super) counters: Option<Counters>,
+    pub(super) refusals: Option<Refusals>,
+    pub(super) faults: Vec<FaultRecord>,
+    /// Those of the list that is being read.
+    reading: Vec<FaultRecord>,
+    /// When it is asked next, and whether answers are missing.
+    due: Duration,
+    is_asked: bool,
+    /// When machine states are asked for anew.
+    renew: Duration,
+    arm: Option<Arm>,
+    /// Frames and bytes so far, when that was, and what that is in a second.
+    counted: (u64, u64, Duration),
+    pub(super) rates: (f64, f64),
+}
+
+/// The session of ARCOS.
+struct Arm {
+    /// Since when it is known that it is an arm.
+    since: Duration,
+    /// Another host's: it is only listened to.
+    is_guest: bool,
+    /// Ours is asked for, and open.
+    is_begun: bool,
+    is_open: bool,
+}
+
+impl Board {
+    /// Whether it tells its machine state.
+    pub(super) fn has_state(&self) -> bool {
+        self.identity.is_some_and(|identity| identity.extension >= 2)
+            && self.arm.is_none()
+            && !self.is_slow
+    }
+
+    /// Whether it has settings, health, faults.
+    pub(super) fn has_extension(&self) -> bool {
+        self.identity.is_some() && self.arm.as_ref().is_none_or(|arm| !arm.is_guest)
+    }
+
+    pub(super) fn has_fault(&self, motor: Number) -> bool {
+        self.faults.iter().any(|record| record.channel == Some(motor.channel().number()))
+    }
+
+    /// Its faults have changed, as far as is known.
+    pub(super) fn look_soon(&mut self, now: Duration) {
+        self.due = now;
+    }
+
+    /// What was asked has no answer.
+    pub(super) fn was_interrupted(&mut self) {
+        self.is_asked = false;
+        self.reading.clear();
+    }
+}
+
+impl Panel {
+    pub(super) fn has_state(&self) -> bool {
+        self.board.has_state()
+    }
+
+    /// It is known what is on the line.
+    pub(super) fn meet(&mut self, personality: Personality) {
+        self.greeting = None;
+        self.why = None;
+        self.board.is_slow = self.link.is_slow();
+        self.board.due = self.now + ASK / 2;
+        match personality {
+            Personality::Pms5005 => self.ask(&Request::Identity, Purpose::Board(Asked::Identity)),
+            Personality::Arcos => {
+                let (is_guest, is_begun, is_open) = (false, false, false);
+                self.board.arm = Some(Arm { since: self.now, is_guest, is_begun, is_open });
+            }
+            Personality::Cm5 => self.board.is_met = true,
+        }
+        self.tell_board();
+    }
+
+    /// Telemetry, states, packets.
+    pub(super) fn take_news(&mut self, event: &Event) {
+        match event {
+            Event::State(state) => {
+                self.see(event);
+                self.tell_state(state);
+            }
+            Event::Report(report) => {
+                self.see(event);
+                self.tell_report(report);
+            }
+            Event::Standard(_) => {
+                if let Some(arm) = &mut self.board.arm
+                    && !arm.is_begun
+                {
+                    arm.is_guest = true;
+                    self.board.is_met = true;
+                }
+            }
+            Event::Packet(id, data) => self.take_status(*id, data),
+            Event::Servos(ids) => self.tell_servos(ids, &[]),
+            Event::Feedback(told) => self.tell_servos(&[], told),
+            Event::Heard(_) | Event::Answered(_) | Event::Failed(_) => {}
+        }
+    }
+
+    /// Asks what is due.
+    pub(super) fn poll(&mut self) {
+        if self.board.has_state() && self.now >= self.board.renew {
+            self.board.renew = self.now + RENEW;
+            let often = Repeat::Times(NonZeroU8::MAX);
+            self.session.send(&Command::Extension(Request::State(often)));
+        }
+        self.open_arm();
+        if self.now < self.board.due || self.board.is_asked {
+            return;
+        }
+        self.count();
+        let is_open = self.board.arm.as_ref().is_some_and(|arm| arm.is_open);
+        self.board.due = self.now + if is_open { ASK_ARM } else { ASK };
+        if is_open {
+            self.packet(ArmCommand::Status(StatusRequest::Once));
+        }
+        if self.board.has_extension() {
+            self.board.is_asked = true;
+            let once = Repeat::Times(NonZeroU8::MIN);
+            self.ask(&Request::Health(once), Purpose::Board(Asked::Health));
+            self.ask(&Request::Counters, Purpose::Board(Asked::Counters));
+            self.ask(&Request::Refusals, Purpose::Board(Asked::Refusals));
+        } else {
+            self.tell_health();
+        }
+    }
+
+    /// What came of a question.
+    pub(super) fn board_tells(&mut self, asked: Asked, result: Result<Reply, Failure>) {
+        match (asked, result) {
+            (Asked::Identity, result) => {
+                if let Ok(Reply::Identity(identity)) = result {
+                    self.board.identity = Some(identity);
+                }
+                self.board.is_met = true;
+                if self.board.has_extension() {
+                    self.ask(&Request::Setting(LINK_TIMEOUT), Purpose::Board(Asked::LinkTimeout));
+                    self.read_settings();
+                }
+                self.tell_board();
+            }
+            (Asked::LinkTimeout, Ok(Reply::Setting(setting))) => self.learn(&setting),
+            (Asked::Health, Ok(Reply::Health(health))) => self.board.health = Some(health),
+            (Asked::Counters, Ok(Reply::Counters(told))) => self.board.counters = Some(told),
+            (Asked::Refusals, result) => {
+                // The last of the round.
+                if let Ok(Reply::Refusals(refusals)) = result {
+                    self.board.refusals = Some(refusals);
+                }
+                self.tell_health();
+                let some = self.board.health.is_some_and(|health| health.faults > 0);
+                if some || !self.board.faults.is_empty() {
+                    self.board.reading.clear();
+                    self.ask(&Request::Fault(0), Purpose::Board(Asked::Fault));
+                } else {
+                    self.board.is_asked = false;
+                }
+            }
+            (Asked::Fault, Ok(Reply::Fault(latched))) => match latched.record {
+                Some(record) => {
+                    self.board.reading.push(record);
+                    let next = u8::try_from(self.board.reading.len()).unwrap_or(u8::MAX);
+                    self.ask(&Request::Fault(next), Purpose::Board(Asked::Fault));
+                }
+                None => {
+                    self.board.is_asked = false;
+                    let faults = std::mem::take(&mut self.board.reading);
+                    if faults != self.board.faults {
+                        self.board.faults = faults;
+                        self.tell_faults();
+                    }
+                }
+            },
+            (Asked::Fault, _) => self.board.was_interrupted(),
+            (Asked::Sync, Ok(Reply::Packet(id, _))) => {
+                if id == Standard::ID
+                    && let Some(arm) = &mut self.board.arm
+                {
+                    arm.is_open = true;
+                    self.ask(&Request::Identity, Purpose::Board(Asked::Identity));
+                }
+            }
+            (Asked::Status, Ok(Reply::Packet(id, data))) => self.take_status(id, &data),
+            _ => {}
+        }
+    }
+
+    /// A setting that matters here was read or set.
+    pub(super) fn learn(&mut self, setting: &Setting) {
+        if setting.number == LINK_TIMEOUT {
+            self.board.link_timeout = Some(setting.value);
+        }
+    }
+
+    /// What comes on the link in a second.
+    fn count(&mut self) {
+        let (frames, bytes, at) = self.board.counted;
+        let (now_frames, now_bytes) = (self.session.frames(), self.session.received());
+        let time = (self.now.saturating_sub(at)).as_secs_f64();
+        if time > 0.5 {
+            let rate = |now: u64, before: u64| (now.saturating_sub(before)) as f64 / time;
+            self.board.rates = (rate(now_frames, frames), rate(now_bytes, bytes));
+            self.board.counted = (now_frames, now_bytes, self.now);
+        }
+    }
+
+    /// Opens a session of ARCOS, unless another host has.
+    fn open_arm(&mut self) {
+        let Some(arm) = &mut self.board.arm else { return };
+        if arm.is_guest || arm.is_begun || self.now < arm.since + LISTEN {
+            return;
+        }
+        arm.is_begun = true;
+        let open = Packet { id: command::OPEN, data: &[] };
+        let asked = SYNC.iter().map(|sync| (*sync, sync.id)).chain([(open, Standard::ID)]);
+        for (packet, answer) in asked {
+            let purpose = Purpose::Board(Asked::Sync);
+            self.queue(purpose, |session, now| session.packet(&packet, Some(answer), now));
+        }
+    }
+
+    pub(super) fn close_arm(&mut self) {
+        if self.board.arm.as_ref().is_some_and(|arm| arm.is_open) {
+            let close = Packet { id: command::CLOSE, data: &[] };
+            // The link may be gone; then a session ends by silence.
+            let _ = self.session.packet(&close, None, self.now);
+        }
+    }
+
+    fn packet(&mut self, command: ArmCommand) {
+        let mut buffer = [0; 16];
+        if let Ok(bytes) = command.encode(&mut buffer)
+            && let Some(packet) = Packet::parse(bytes)
+        {
+            self.queue(Purpose::Board(Asked::Status), |session, now| {
+                session.packet(&packet, Some(ArmStatus::ID), now)
+            });
+        }
+    }
+
+    fn take_status(&mut self, id: u8, data: &[u8]) {
+        let dialect = match self.settings.value_of("arm dialect") {
+            Some(1) => Dialect::Manual(MotionBits::ZeroToFive),
+            Some(2) => Dialect::Aria,
+            _ => Dialect::Manual(MotionBits::OneToSix),
+        };
+        if let Some(status) = ArmStatus::parse(&Packet { id, data }, dialect) {
+            self.arm_moves(status.moving != [false; 6]);
+            self.tell_joints(&status);
+        }
+    }
+}
