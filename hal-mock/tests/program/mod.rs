@@ -42,6 +42,9 @@ impl Board {
     /// As [`start`](Self::start), of a command made otherwise.
     pub fn spawn(command: &mut Command) -> Self {
         command.args(["--tcp", "127.0.0.1:0", "--inspect", "127.0.0.1:0"]);
+        if !command.get_args().any(|option| option == "--web") {
+            command.arg("--headless");
+        }
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let out = BufReader::new(child.stdout.take().unwrap());
         let mut board = Self { child, out, title: String::new(), places: HashMap::new() };

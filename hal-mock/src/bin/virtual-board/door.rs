@@ -7,7 +7,7 @@
 
 use std::cell::Cell;
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
+use std::net::{IpAddr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
 
@@ -74,6 +74,20 @@ impl Door {
     /// Where it is, for the user.
     pub fn place(&self) -> &str {
         &self.place
+    }
+
+    /// Where this computer reaches it.
+    pub fn address(&self) -> Option<SocketAddr> {
+        let mut address = self.listener.local_addr().ok()?;
+        if address.ip().is_unspecified() {
+            let loopback = if address.is_ipv4() {
+                IpAddr::from([127, 0, 0, 1])
+            } else {
+                Ipv6Addr::LOCALHOST.into()
+            };
+            address.set_ip(loopback);
+        }
+        Some(address)
     }
 
     /// Clients that were sent away so far.

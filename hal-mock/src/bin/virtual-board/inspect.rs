@@ -142,7 +142,8 @@ fn answer(line: &[u8], machine: &mut dyn Machine, links: &Links) -> String {
     }
 }
 
-fn ask(question: &Value, machine: &mut dyn Machine, links: &Links) -> Result<Value, String> {
+/// Answers a question, or says in one line what is wrong with it.
+pub fn ask(question: &Value, machine: &mut dyn Machine, links: &Links) -> Result<Value, String> {
     let wanted = "expected {\"get\":\"state\"} or {\"set\":{...}}";
     let object = question.as_object().filter(|object| object.len() == 1).ok_or(wanted)?;
     match object.iter().next() {

@@ -96,6 +96,11 @@ impl Links {
         places
     }
 
+    /// Where this computer reaches the board by TCP.
+    pub fn tcp(&self) -> Option<SocketAddr> {
+        self.door.address()
+    }
+
     /// How many are connected: the pseudo-terminal, TCP clients, UDP peers.
     pub fn connected(&self) -> (bool, usize, usize) {
         (self.pty_was_open, self.clients.len(), self.peers.len())

@@ -12,6 +12,7 @@ mod inspect;
 mod links;
 mod machine;
 mod options;
+mod page;
 mod pioneer_arm;
 mod pms5005;
 mod printer;
@@ -33,6 +34,7 @@ use inspect::Inspector;
 use links::Links;
 use machine::Machine;
 use options::{Options, Personality};
+use page::Page;
 use printer::say;
 use status::Status;
 
@@ -78,9 +80,14 @@ fn run(options: &Options) -> Result<(), String> {
     };
     let mut links =
         Links::open(options.pty.as_deref(), options.tcp(), options.udp(), machine.as_ref())?;
+    let page = match options.web().zip(links.tcp()) {
+        Some((address, board)) => Some(Page::open(address, board, stop.clone())?),
+        None => None,
+    };
 
     say(&format!("{} at your service:", machine.name()));
-    for place in links.places().into_iter().chain(inspector.as_ref().map(Inspector::place)) {
+    let places = links.places().into_iter().chain(page.as_ref().map(Page::place));
+    for place in places.chain(inspector.as_ref().map(Inspector::place)) {
         say(&format!("  {place}"));
     }
     let mut status = Status::default();
@@ -103,6 +110,9 @@ fn run(options: &Options) -> Result<(), String> {
         links.receive(machine.as_ref());
         if let Some(inspector) = &mut inspector {
             inspector.serve(machine.as_mut(), &links);
+        }
+        if let Some(page) = &page {
+            page.serve(machine.as_mut(), &links);
         }
         machine.run_until(embassy_time::Instant::from_micros(now.as_micros() as u64));
         while let Some((_, frame)) = machine.line().host_receives() {

@@ -37,6 +37,10 @@ pub struct Options {
     /// Where to offer the simulated truth as JSON lines; loopback only. Off by default.
     #[arg(long, value_name = "ADDR")]
     pub inspect: Option<String>,
+    /// Where to serve the page that shows, drives and tunes the board in a browser; `off` serves none
+    /// [default: 127.0.0.1:5080, or a free port].
+    #[arg(long, value_name = "ADDR")]
+    web: Option<String>,
     /// The world to simulate; see the documentation of hal_mock::scene_file.
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
@@ -62,8 +66,8 @@ pub struct Options {
     /// Stop after N seconds.
     #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seconds: Option<f64>,
-    /// Nothing is drawn any more; scripts that ask for that still may.
-    #[arg(long, hide = true)]
+    /// Serve no page unless --web asks for it, as scripts want it.
+    #[arg(long)]
     headless: bool,
     /// Seed of the simulated noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -90,8 +94,9 @@ enum DialectName {
 }
 
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 6] = [
+const PARTICULAR: [(&str, &[Personality]); 7] = [
     ("udp", &[Personality::Pms5005]),
+    ("web", &[Personality::Pms5005, Personality::PioneerArm, Personality::Cm5]),
     ("scene", &[Personality::Pms5005]),
     ("dialect", &[Personality::PioneerArm]),
     ("servos", &[Personality::Cm5, Personality::Ax12Bus]),
@@ -118,6 +123,9 @@ impl Personality {
         }
     }
 }
+
+/// In place of the page's address.
+const OFF: &str = "off";
 
 /// A session gives up a frame that takes longer than half a second: 264 bytes take 275 ms here.
 const SLOWEST_LINE: u32 = 9600;
@@ -161,7 +169,13 @@ impl Options {
         if personality == Personality::Ax12Bus && rate == 0 {
             return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());
         }
-        let addresses = [("--tcp", &self.tcp), ("--udp", &self.udp), ("--inspect", &self.inspect)];
+        let web = self.web.clone().filter(|address| address != OFF);
+        let addresses = [
+            ("--tcp", &self.tcp),
+            ("--udp", &self.udp),
+            ("--inspect", &self.inspect),
+            ("--web", &web),
+        ];
         for (option, address) in addresses {
             let port = |text: &String| text.rsplit_once(':')?.1.parse::<u16>().ok();
             if let Some(text) = address.as_ref().filter(|text| port(text).is_none()) {
@@ -189,6 +203,14 @@ impl Options {
     pub fn udp(&self) -> Option<Address<'_>> {
         let default = self.personality.defaults().udp?;
         Some(Address::new("--udp", self.udp.as_deref(), default))
+    }
+
+    /// Where to serve the page, if at all.
+    pub fn web(&self) -> Option<Address<'_>> {
+        let is_asked = self.web.is_some();
+        let has_page = self.personality != Personality::Ax12Bus && !self.headless;
+        let is_on = self.web.as_deref() != Some(OFF) && (is_asked || has_page);
+        is_on.then(|| Address::new("--web", self.web.as_deref(), "127.0.0.1:5080"))
     }
 
     /// The servos on the bus. A CM-5 searches no ID 0.

@@ -11,6 +11,7 @@ mod settings;
 mod step;
 mod upkeep;
 mod watch;
+mod web;
 
 use std::ffi::OsString;
 use std::io::Write;
@@ -183,6 +184,15 @@ enum Command {
         #[arg(long = "for", value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true, default_value = "2s")]
         time: Duration,
     },
+    /// Serve the page, in which a browser shows, drives and tunes the board, until Ctrl-C.
+    Web {
+        /// Where to serve it. Off this computer a token is part of the page's address.
+        #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:5080")]
+        listen: String,
+        /// A name of this computer by which the page may be asked for, besides its addresses.
+        #[arg(long = "allow-host", value_name = "NAME")]
+        names: Vec<String>,
+    },
     /// Enter the ROM's loader, and say what to type next.
     Dfu,
 }
@@ -336,6 +346,7 @@ impl Context<'_, '_> {
             Command::Step { motor, quantity, target, svg, time } => {
                 self.step(motor, quantity, target, svg.as_deref(), time)
             }
+            Command::Web { listen, names } => self.web(&listen, &names),
             Command::Dfu => self.dfu(),
         }
     }

@@ -21,6 +21,8 @@ const TICK: Duration = Duration::from_millis(5);
 /// How often a line is opened anew, and the world told.
 const AGAIN: Duration = Duration::from_secs(1);
 const WORLD: Duration = Duration::from_millis(200);
+/// How long the end waits for what is being stopped.
+const END: Duration = Duration::from_secs(2);
 
 /// What comes from the pages.
 pub(super) enum Call {
@@ -64,8 +66,7 @@ pub(super) fn run(link: Link, world: Option<World>, calls: &Receiver<Call>, end:
         calls.try_iter().for_each(|call| host.take(call));
         host.go_on();
     }
-    host.panel.leave();
-    host.write();
+    host.end();
 }
 
 impl Host {
@@ -118,6 +119,20 @@ impl Host {
         while let Some((page, text)) = self.panel.take_message() {
             self.say(page, text);
         }
+    }
+
+    /// What pages drove is stopped before the line is closed, unless it is gone.
+    fn end(&mut self) {
+        let end = self.now() + END;
+        let pages: Vec<_> = self.pages.drain().map(|(page, _)| page).collect();
+        pages.into_iter().for_each(|page| self.panel.close(page, self.clock.elapsed()));
+        while self.line.is_some() && !self.panel.is_idle() && self.now() < end {
+            self.panel.advance(self.now());
+            self.write();
+            self.read();
+        }
+        self.panel.leave();
+        self.write();
     }
 
     fn say(&mut self, page: PageId, text: String) {

@@ -9,7 +9,37 @@ const LONGEST: usize = 8192;
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// What is served: path, type, content.
-const FILES: [(&str, &str, &str); 0] = [];
+macro_rules! files {
+    ($($path:literal $kind:ident $file:literal,)*) => {
+        &[$(($path, $kind, include_str!(concat!("page/", $file)))),*]
+    };
+}
+const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const FILES: &[(&str, &str, &str)] = files! {
+    "/chart.js" SCRIPT "chart.js",
+    "/curve.js" SCRIPT "curve.js",
+    "/field.js" SCRIPT "field.js",
+    "/files.js" SCRIPT "files.js",
+    "/guard.js" SCRIPT "guard.js",
+    "/" HTML "index.html",
+    "/lcd.js" SCRIPT "lcd.js",
+    "/link.js" SCRIPT "link.js",
+    "/linkpage.js" SCRIPT "linkpage.js",
+    "/main.js" SCRIPT "main.js",
+    "/motors.js" SCRIPT "motors.js",
+    "/others.js" SCRIPT "others.js",
+    "/outputs.js" SCRIPT "outputs.js",
+    "/samples.js" SCRIPT "samples.js",
+    "/sensors.js" SCRIPT "sensors.js",
+    "/settings.js" SCRIPT "settings.js",
+    "/strip.js" SCRIPT "strip.js",
+    "/style.css" CSS "style.css",
+    "/tune.js" SCRIPT "tune.js",
+    "/ui.js" SCRIPT "ui.js",
+    "/world.js" SCRIPT "world.js",
+};
 
 /// A request.
 pub(super) struct Request {

@@ -67,4 +67,4 @@ mod panel;
 mod server;
 
 pub use panel::{ALIVE, PageId, Panel};
-pub use server::{Serve, World, serve};
+pub use server::{Page, Serve, World, serve};

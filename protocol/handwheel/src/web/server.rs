@@ -3,10 +3,11 @@
 use std::io;
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{
     Receiver, Sender, SyncSender, TryRecvError, TrySendError, channel, sync_channel,
 };
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use serde_json::Value;
@@ -45,11 +46,26 @@ pub struct Serve {
     pub world: Option<World>,
 }
 
-/// Serves the page from threads of its own, until `end` becomes true. The page's address is returned.
+/// A page that is being served.
+pub struct Page {
+    /// Where, for a browser.
+    pub address: String,
+    board: JoinHandle<()>,
+}
+
+impl Page {
+    /// Waits until what it drove is stopped, once it was told to end.
+    pub fn wait(self) {
+        // A panic of its thread has been told.
+        let _ = self.board.join();
+    }
+}
+
+/// Serves the page from threads of its own, until `end` becomes true.
 ///
 /// # Errors
 /// What is wrong with the listener.
-pub fn serve(serve: Serve, end: Arc<AtomicBool>) -> Result<String, Error> {
+pub fn serve(serve: Serve, end: Arc<AtomicBool>) -> Result<Page, Error> {
     let Serve { listen, link, names, world } = serve;
     let cannot = |error: io::Error| Error::CannotOpen(format!("the page: {error}"));
     let place = listen.local_addr().map_err(cannot)?;
@@ -64,12 +80,12 @@ pub fn serve(serve: Serve, end: Arc<AtomicBool>) -> Result<String, Error> {
     };
     let (calls, heard) = channel();
     let gate = Arc::new(Gate { names, token });
-    std::thread::spawn({
+    let board = std::thread::spawn({
         let end = end.clone();
         move || host::run(link, world, &heard, &end)
     });
     std::thread::spawn(move || accept(&listen, &gate, &calls, &end));
-    Ok(address)
+    Ok(Page { address, board })
 }
 
 /// What nobody guesses.
@@ -82,7 +98,7 @@ fn token() -> Result<String, Error> {
 
 fn accept(listen: &TcpListener, gate: &Arc<Gate>, calls: &Sender<Call>, end: &Arc<AtomicBool>) {
     let open = Arc::new(AtomicUsize::new(0));
-    let mut next: PageId = 1;
+    let pages = Arc::new(AtomicU64::new(0));
     while !end.load(Ordering::Relaxed) {
         let Ok((stream, _)) = listen.accept() else {
             std::thread::sleep(TICK);
@@ -92,12 +108,11 @@ fn accept(listen: &TcpListener, gate: &Arc<Gate>, calls: &Sender<Call>, end: &Ar
             continue;
         }
         open.fetch_add(1, Ordering::Relaxed);
-        let page = next;
-        next += 1;
         let (gate, calls, open, end) = (gate.clone(), calls.clone(), open.clone(), end.clone());
+        let pages = pages.clone();
         std::thread::spawn(move || {
             // Whoever has gone needs no answer.
-            let _ = connection(stream, &gate, &calls, page, &end);
+            let _ = connection(stream, &gate, &calls, &pages, &end);
             open.fetch_sub(1, Ordering::Relaxed);
         });
     }
@@ -107,7 +122,7 @@ fn connection(
     mut stream: TcpStream,
     gate: &Gate,
     calls: &Sender<Call>,
-    page: PageId,
+    pages: &AtomicU64,
     end: &AtomicBool,
 ) -> io::Result<()> {
     let Some(request) = Request::read(&mut stream)? else {
@@ -122,6 +137,7 @@ fn connection(
                 "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {}\r\n\r\n",
                 derive_accept_key(key.as_bytes())
             ).as_bytes())?;
+            let page = pages.fetch_add(1, Ordering::Relaxed) + 1;
             let (says, said) = sync_channel(QUEUE);
             let _ = calls.send(Call::Open(page, says));
             let result = talk(stream, calls, page, &said, end);
