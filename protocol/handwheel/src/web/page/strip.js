@@ -62,13 +62,14 @@ function render() {
   if (key === shown) return;
   shown = key;
   const items = lines.map(([kind, text]) => el("li", { class: kind }, el("span", { text })));
+  if (faults.length > 1) {
+    const all = writer(button("Clear all", () => attempt("clear", {}, "clear all"), { id: "clear-all", "aria-label": "Clear all faults" }));
+    items.push(el("li", { class: "bad" }, all, el("b", { text: `${faults.length} faults` })));
+  }
   for (const fault of faults) items.push(faultLine(fault));
   for (const [motor, reason] of reasons) {
+    if (faults.some((fault) => fault.motor === motor && reason.includes(fault.name))) continue; // said above
     items.push(el("li", { class: "warn", "data-reason": motor }, el("b", { text: `Motor ${motor}` }), el("span", { text: reason })));
-  }
-  if (faults.length > 1) {
-    const all = writer(button("Clear all faults", () => attempt("clear", {}, "clear all"), { id: "clear-all" }));
-    items.push(el("li", {}, all));
   }
   if (!items.length) items.push(el("li", { class: "fine", text: "No faults" }));
   faultList.replaceChildren(...items);
@@ -81,10 +82,10 @@ function faultLine(fault) {
     "data-do": "clear", "aria-label": `Clear fault ${fault.name} of ${fault.whose}`,
     title: fault.motor ? "" : "clears all that is latched",
   }));
-  return el("li", { class: "bad", "data-fault": fault.number },
+  return el("li", { class: "bad", "data-fault": fault.number }, clear,
     el("b", { text: `${capital(fault.whose)}: ${fault.name}` }),
     el("span", { text: fault.remedy ?? "" }),
-    el("small", { text: `(fault ${number(fault.number)} ${about})` }), clear);
+    el("small", { text: `(fault ${number(fault.number)} ${about})` }));
 }
 
 const capital = (text) => String(text ?? "").replace(/^./, (letter) => letter.toUpperCase());

@@ -117,10 +117,10 @@ function makeBatteries() {
   const change = () => set("battery_v", batteries.map((input) => entered(input)));
   for (const input of batteries) input.addEventListener("change", change);
   return card("battery_v", "Batteries", ...["board", "motors", "servos"].map((name, i) => labelled(name, batteries[i], "V")),
-    button("As simulated", () => {
+    el("p", { class: "line" }, button("As simulated", () => {
       for (const input of batteries) input.value = "";
       set("battery_v", null);
-    }));
+    })));
 }
 
 export function start() {
