@@ -26,7 +26,7 @@ async function stop() {
     const how = (await ask("stop")) ?? {};
     note(stopped(how), how.confirmed === false || how.stands === false || how.opposed ? "error" : "good");
   } catch (error) {
-    note(`STOP: ${error.message}`, "error");
+    note(`STOP: ${error.message}. Use the emergency switch`, "error");
   }
 }
 
@@ -69,6 +69,7 @@ function leave() {
   armed = { by: null, you: false };
   isArming = false;
   show();
+  note("This page was hidden or left: it has stopped what it drove, and is disarmed");
 }
 
 function onSpace(event) {

@@ -88,7 +88,7 @@ class Card {
   form(name) {
     const [text, unit] = DRIVES[name];
     const range = name === "duty" ? { min: -100, max: 100 } : {};
-    const input = writer(el("input", { type: "number", step: "any", value: 0, "data-value": name, required: true, ...range }));
+    const input = writer(el("input", { type: "number", step: "any", value: 0, "data-value": name, ...range }));
     const drive = writer(el("button", { type: "submit", "data-do": name, text: "Drive", "aria-label": `Motor ${this.motor}: drive by ${name}` }));
     return el("form", { novalidate: true, onsubmit: (event) => {
       event.preventDefault();
@@ -136,7 +136,7 @@ class Card {
   numbers() {
     const { state } = this;
     if (!state) return;
-    for (const [name, { value }] of this.legend) put(value, number(state[name], NUMBERS[name][2]));
+    for (const [name, { value }] of this.legend) put(value, name === "set_point" && state.mode === "off" ? "–" : number(state[name], NUMBERS[name][2]));
     put(this.legend.get("set_point").unit, { velocity: "counts/s", position: "counts", PWM: "%" }[state.mode] ?? "");
     put(this.modeText, state.mode === "off" ? "off" : `${state.mode}${state.ours ? "" : " (another host)"}`);
     this.modeText.classList.toggle("on", state.mode !== "off");

@@ -47,7 +47,7 @@ function general() {
   const lines = [];
   const board = told("board");
   const state = told("state");
-  if (!told("socket")?.open) lines.push(["bad", "No connection to handwheel. What this page drove is stopped; it tries again every second."]);
+  if (!told("socket")?.open) lines.push(["bad", "No connection to handwheel: it stops what this page drove; if it has ended, the board does by its link timeout. The page tries again every second."]);
   else if (board && !board.connected) lines.push(["bad", `No board: ${board.why ?? "it does not answer"}`]);
   else if (board?.has_state && state && performance.now() - lastState > STALE_MS) lines.push(["bad", "The board's state has not come for a second: what you see is old"]);
   if (state?.silent) lines.push(["warn", "The board hears no host: what moved was stopped"]);
@@ -58,7 +58,7 @@ function general() {
 
 function render() {
   const lines = general();
-  const key = JSON.stringify([lines, reasons, faults]);
+  const key = JSON.stringify([lines, reasons, faults, Boolean(told("faults")), Boolean(told("board"))]);
   if (key === shown) return;
   shown = key;
   const items = lines.map(([kind, text]) => el("li", { class: kind }, el("span", { text })));
@@ -71,7 +71,8 @@ function render() {
     if (faults.some((fault) => fault.motor === motor && reason.includes(fault.name))) continue; // said above
     items.push(el("li", { class: "warn", "data-reason": motor }, el("b", { text: `Motor ${motor}` }), el("span", { text: reason })));
   }
-  if (!items.length) items.push(el("li", { class: "fine", text: "No faults" }));
+  if (!items.length && told("faults")) items.push(el("li", { class: "fine" }, el("span", { text: "No faults" })));
+  else if (!items.length && told("board")) items.push(el("li", {}, el("span", { text: "This board has told nothing of faults" })));
   faultList.replaceChildren(...items);
 }
 
