@@ -37,7 +37,10 @@ class Servo {
       });
     }
     this.slider.addEventListener("input", () => {
-      if (this.isHalted) return;
+      if (this.isHalted) {
+        this.slider.value = this.input.value;
+        return;
+      }
       this.input.value = this.slider.value;
       this.soon();
     });
