@@ -10,6 +10,7 @@ export const STYLES = {
   current: { color: "--current", dash: [2, 2], width: 1.5 },
 };
 
+const UNITS = { velocity: "counts/s", position: "counts" };
 /** A scale shrinks when what it shows has been so small a part of it for so long. */
 const SMALL = 0.4;
 const SHRINK_MS = 1500;
@@ -72,6 +73,9 @@ export function nice(step) {
   const ten = 10 ** Math.floor(Math.log10(step));
   return [1, 2, 5, 10].find((factor) => factor * ten >= step * 0.999) * ten;
 }
+
+/** A scale's number. */
+export const whole = (value) => (Math.round(value) || 0).toLocaleString("en").replace("-", "−");
 
 /** Makes a canvas as sharp as the screen; its context is in CSS pixels. */
 export function prepare(canvas) {
@@ -165,14 +169,14 @@ export class StripChart {
     const scale = this.value;
     if (!(scale.high > scale.low)) return;
     const y = (value) => bottom - ((value - scale.low) / (scale.high - scale.low)) * (bottom - top);
-    const step = nice((scale.high - scale.low) / Math.max(2, (bottom - top) / 26));
+    const step = nice((scale.high - scale.low) / Math.max(2, (bottom - top) / 22));
     for (let value = Math.ceil(scale.low / step) * step; value <= scale.high + step / 100; value += step) {
       rule(context, 0, y(value), width, y(value), Math.abs(value) < step / 100 ? "--line" : "--faint");
     }
     if (shown.has(quantity)) this.line(view, quantity, y);
     if (shown.has("set_point")) this.line(view, "set_point", y, isOfSetPoint);
     for (let value = Math.ceil(scale.low / step) * step; value <= scale.high + step / 100; value += step) {
-      if (y(value) > top + 4 && y(value) < bottom - 4) label(context, Math.round(value).toLocaleString("en").replace("-", "−"), 3, y(value));
+      if (y(value) > top + 4 && y(value) < bottom - 4) label(context, whole(value), 3, y(value));
     }
   }
 
@@ -182,6 +186,7 @@ export class StripChart {
       const y = (value) => bottom - ((value + 105) / 210) * (bottom - top);
       rule(context, 0, y(0), width, y(0), "--line");
       this.line(view, "duty", y);
+      if (shown.has("set_point")) this.line(view, "set_point", y, (at) => samples.mode[at] === "PWM");
       label(context, "100 %", 3, y(100) + 5, "left", "--duty");
       label(context, "−100", 3, y(-100) - 4, "left", "--duty");
     }
@@ -235,8 +240,8 @@ export class StripChart {
     rule(context, x, 0, x, bottom, "--dim");
     const side = x > width / 2 ? -5 : 5;
     const parts = [
-      ["set_point", samples.mode[at] === quantity ? Math.round(samples.set_point[at]) : "–"],
-      [quantity, Math.round(samples[quantity][at])],
+      ["set_point", samples.mode[at] === quantity ? `${whole(samples.set_point[at])} ${UNITS[quantity]}` : "–"],
+      [quantity, `${whole(samples[quantity][at])} ${UNITS[quantity]}`],
       ["duty", `${samples.duty[at].toFixed(1)} %`],
       ["current", `${samples.current[at].toFixed(2)} A`],
     ].filter(([name]) => shown.has(name));

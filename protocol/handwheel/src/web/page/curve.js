@@ -1,7 +1,7 @@
 // A step's curve on a canvas: the value with its target above, the duty below; the step before it stays, faint
 // and dashed.
 
-import { color, label, nice, prepare, rule } from "/chart.js";
+import { color, label, nice, prepare, rule, whole } from "/chart.js";
 
 const FOOT = 16;
 const LEFT = 52;
@@ -24,7 +24,7 @@ export function draw(canvas, step, before) {
 
   for (let value = low; value <= high + unit / 2; value += unit) {
     rule(context, LEFT, y(value), width, y(value));
-    label(context, Math.round(value).toLocaleString("en").replace("-", "−"), LEFT - 5, y(value), "right");
+    label(context, whole(value), LEFT - 5, y(value), "right");
   }
   const ms = nice(lasts / 6);
   for (let time = 0; time <= lasts; time += ms) {

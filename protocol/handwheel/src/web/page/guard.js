@@ -4,7 +4,7 @@
 // page's own thread, so that a page that hangs falls silent and is stopped; the space bar stops everything,
 // whatever has the focus; a page that is hidden or left stops and disarms itself at once.
 
-import { ask, on, say } from "/link.js";
+import { ask, on, say, tell } from "/link.js";
 import { note, attempt } from "/strip.js";
 
 const ALIVE_MS = 50;
@@ -20,13 +20,14 @@ let swallowed = false;
 
 /** Stops everything, and tells how it came out. */
 async function stop() {
+  tell("stopping", {});
   stopButton.classList.add("sent");
   setTimeout(() => stopButton.classList.remove("sent"), 400);
   try {
     const how = (await ask("stop")) ?? {};
     note(stopped(how), how.confirmed === false || how.stands === false || how.opposed ? "error" : "good");
   } catch (error) {
-    note(`STOP: ${error.message}`, "error");
+    note(`STOP: ${error.message}. Use the emergency switch`, "error");
   }
 }
 
@@ -65,13 +66,14 @@ function leave() {
   if (!armed.you && !isArming) return;
   say("stop");
   say("disarm");
-  clearInterval(beat);
-  armed = { by: null, you: false };
   isArming = false;
-  show();
+  tell("armed", { by: null, you: false });
+  note("This page was hidden or left: it has stopped what it drove, and is disarmed");
 }
 
-function onSpace(event) {
+function onKey(event) {
+  // A held Enter key must not drive again what was just stopped.
+  if (armed.you && event.repeat && event.key === "Enter") event.preventDefault();
   const isSpace = event.code === "Space" || event.key === " ";
   if (!isSpace) return;
   const isDown = event.type === "keydown";
@@ -83,7 +85,7 @@ function onSpace(event) {
 }
 
 export function start() {
-  for (const type of ["keydown", "keypress", "keyup"]) window.addEventListener(type, onSpace, { capture: true });
+  for (const type of ["keydown", "keypress", "keyup"]) window.addEventListener(type, onKey, { capture: true });
   document.addEventListener("visibilitychange", () => document.hidden && leave());
   document.addEventListener("freeze", leave);
   window.addEventListener("pagehide", leave);

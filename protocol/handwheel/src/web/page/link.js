@@ -1,7 +1,7 @@
 // The socket to the server: what is asked with its answer, what is told to whoever listens, and a new
 // connection every second while there is none. The server's `web` module has the interface.
 //
-// Besides what the server tells, `socket` tells `{open}`. A connection that is lost disarms: the server
+// Besides what the server tells, `socket` tells `{open}`, and `stopping` that this page asks for a stop. A connection that is lost disarms: the server
 // has stopped what this page drove, and a new connection begins disarmed.
 
 const RETRY_MS = 1000;

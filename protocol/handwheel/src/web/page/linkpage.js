@@ -1,9 +1,16 @@
 // The link and the board's health in figures.
 
 import { on, told } from "/link.js";
-import { el, duration, facts, number, pairs, put, words } from "/ui.js";
+import { el, duration, facts, number, pairs, words } from "/ui.js";
 
 const panel = document.getElementById("panel-link");
+
+/** The board's health, for a list of facts. What it does not tell is left out. */
+export const healthRows = (it) => [
+  ["up for", it.uptime_ms, (ms) => duration(ms)], ["latency, worst", it.latency_us, (us) => `${words(us)} µs`], ["stack", it.stack, words],
+  ["control periods missed", it.missed, words], ["faults", it.faults, words],
+  ["frames on this link", it.frames, (n) => `${number(n)} a second`], ["bytes on this link", it.bytes, (n) => `${number(n)} a second`],
+].filter(([, value]) => value !== undefined && value !== null).map(([name, value, show]) => [name, show(value)]);
 
 export function start() {
   const board = el("dl", { class: "facts", id: "board-facts" });
@@ -33,16 +40,11 @@ export function start() {
   on("page", showBoard);
   on("health", (it) => {
     none.hidden = true;
-    facts(health, [
-      ["up for", duration(it.uptime_ms ?? 0)], ["latency, worst", `${words(it.latency_us)} µs`], ["stack", words(it.stack)],
-      ["control periods missed", words(it.missed)], ["faults", words(it.faults)],
-      ["frames on this link", `${number(it.frames)} a second`], ["bytes on this link", `${number(it.bytes)} a second`],
-    ]);
+    facts(health, healthRows(it));
     for (const [list, of, empty] of [[counters, it.counters, "nothing counted"], [refusals, it.refusals, "nothing refused"]]) {
       const rows = pairs(of).map(([name, value]) => [String(name).replaceAll("_", " "), words(value)]);
       facts(list, rows.length ? rows : [[empty, ""]]);
       for (const row of list.children) row.classList.toggle("is-zero", row.lastChild.textContent === "0");
     }
-    put(none, "");
   });
 }

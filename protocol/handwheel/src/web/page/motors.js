@@ -16,8 +16,10 @@ const NUMBERS = {
   current: ["current", "A", 2],
 };
 const DRIVES = { velocity: ["Velocity", "counts/s"], position: ["Position", "counts"], duty: ["Duty", "%"] };
-/** Frames are drawn no closer together; of long spans, half as often. */
+/** Frames are drawn no closer together; of long spans, half as often; and where drawing is slow, in no more than
+ * a quarter of the time, so that a slow computer still says that it is alive. */
 const FRAME_MS = 32;
+const SHARE = 4;
 const NUMBERS_MS = 100;
 
 const panel = document.getElementById("panel-motors");
@@ -27,6 +29,8 @@ let isPaused = false;
 let isDirty = true;
 let drawnAt = 0;
 let numbersAt = 0;
+/** What the last frame took, in ms. */
+let cost = 0;
 let ramp;
 let pauseButton;
 let back;
@@ -74,16 +78,17 @@ class Card {
 
   legendItem(name) {
     const [text, unit] = NUMBERS[name];
-    const value = el("b", { "data-value": "" });
+    const value = el("b", { "data-number": name });
+    const figure = el("span", { class: "figure" }, value, " ", el("span", { class: "unit", text: unit }));
     const item = el("button", { type: "button", "data-show": name, onclick: () => this.toggle(name) },
-      swatch(name), el("span", { text }), value, el("span", { class: "unit", text: unit }));
-    return { item, value, unit: item.lastElementChild };
+      swatch(name), el("span", { text }), figure);
+    return { item, value, unit: figure.lastElementChild };
   }
 
   form(name) {
     const [text, unit] = DRIVES[name];
     const range = name === "duty" ? { min: -100, max: 100 } : {};
-    const input = writer(el("input", { type: "number", step: "any", value: 0, "data-value": name, required: true, ...range }));
+    const input = writer(el("input", { type: "number", step: "any", value: 0, "data-value": name, ...range }));
     const drive = writer(el("button", { type: "submit", "data-do": name, text: "Drive", "aria-label": `Motor ${this.motor}: drive by ${name}` }));
     return el("form", { novalidate: true, onsubmit: (event) => {
       event.preventDefault();
@@ -131,7 +136,7 @@ class Card {
   numbers() {
     const { state } = this;
     if (!state) return;
-    for (const [name, { value }] of this.legend) put(value, number(state[name], NUMBERS[name][2]));
+    for (const [name, { value }] of this.legend) put(value, name === "set_point" && state.mode === "off" ? "–" : number(state[name], NUMBERS[name][2]));
     put(this.legend.get("set_point").unit, { velocity: "counts/s", position: "counts", PWM: "%" }[state.mode] ?? "");
     put(this.modeText, state.mode === "off" ? "off" : `${state.mode}${state.ours ? "" : " (another host)"}`);
     this.modeText.classList.toggle("on", state.mode !== "off");
@@ -160,8 +165,8 @@ function swatch(name) {
   const space = "http://www.w3.org/2000/svg";
   const svg = document.createElementNS(space, "svg");
   const line = document.createElementNS(space, "line");
-  for (const [key, value] of Object.entries({ width: 18, height: 8, "aria-hidden": "true", class: `swatch ${name}` })) svg.setAttribute(key, value);
-  for (const [key, value] of Object.entries({ x1: 0, y1: 4, x2: 18, y2: 4, "stroke-dasharray": STYLES[name].dash.join(" ") || "none" })) line.setAttribute(key, value);
+  for (const [key, value] of Object.entries({ width: 14, height: 8, "aria-hidden": "true", class: `swatch ${name}` })) svg.setAttribute(key, value);
+  for (const [key, value] of Object.entries({ x1: 0, y1: 4, x2: 14, y2: 4, "stroke-dasharray": STYLES[name].dash.join(" ") || "none" })) line.setAttribute(key, value);
   svg.append(line);
   return svg;
 }
@@ -201,12 +206,14 @@ function frame(now) {
     numbersAt = now;
     for (const card of cards) card.numbers();
   }
-  if (!isDirty || now - drawnAt < (spanMs > 10_000 ? 2 * FRAME_MS : FRAME_MS)) return;
+  if (!isDirty || now - drawnAt < Math.max(spanMs > 10_000 ? 2 * FRAME_MS : FRAME_MS, SHARE * cost)) return;
   drawnAt = now;
   isDirty = false;
+  const begun = performance.now();
   for (const card of cards) {
     if (card.canvas.clientWidth) card.chart.draw(card.frozen ?? card.samples, spanMs, card.quantity, card.shown, card.cursor);
   }
+  cost = performance.now() - begun;
 }
 
 export function start() {

@@ -1,7 +1,8 @@
 // The other boards: an arm's six joints, a CM-5's servos. They are watched here; Stop works as everywhere.
 
-import { on, told } from "/link.js";
-import { el, number, put, words } from "/ui.js";
+import { on } from "/link.js";
+import { el, facts, number, put, words } from "/ui.js";
+import { healthRows } from "/linkpage.js";
 
 const TICKS = 255;
 const joints = document.getElementById("panel-joints");
@@ -58,4 +59,9 @@ function startServos() {
 export function start() {
   startJoints();
   startServos();
+  for (const panel of [joints, servos]) {
+    const health = el("dl", { class: "facts" });
+    panel.append(el("section", { class: "card" }, el("h2", { text: "Health" }), health));
+    on("health", (it) => facts(health, healthRows(it)));
+  }
 }

@@ -25,7 +25,22 @@ class Servo {
     this.pulse = el("b", { text: "no pulse" });
     this.sentAt = 0;
     this.timer = 0;
+    // After a stop a slider that is still held sends nothing more: it must be taken anew.
+    this.isHalted = false;
+    on("stopping", () => {
+      this.isHalted = true;
+      clearTimeout(this.timer);
+    });
+    for (const type of ["pointerdown", "keydown"]) {
+      this.slider.addEventListener(type, () => {
+        this.isHalted = false;
+      });
+    }
     this.slider.addEventListener("input", () => {
+      if (this.isHalted) {
+        this.slider.value = this.input.value;
+        return;
+      }
       this.input.value = this.slider.value;
       this.soon();
     });

@@ -32,6 +32,7 @@ function show({ meter, value }, of, text) {
 function hear(told) {
   if (panel.hidden) return;
   (told.sonar_cm ?? []).forEach((cm, i) => sonars[i] && show(sonars[i], cm ?? 0, cm === NOTHING_CM ? "nothing" : `${number(cm)} cm`));
+  sonars.forEach(({ row }, i) => row.classList.toggle("nothing", told.sonar_cm?.[i] === NOTHING_CM));
   show(infrared, told.ir_cm ?? 0, `${number(told.ir_cm, 1)} cm`);
   const bits = Number(told.inputs) || 0;
   inputs.forEach((light, i) => {

@@ -47,7 +47,7 @@ function general() {
   const lines = [];
   const board = told("board");
   const state = told("state");
-  if (!told("socket")?.open) lines.push(["bad", "No connection to handwheel. What this page drove is stopped; it tries again every second."]);
+  if (!told("socket")?.open) lines.push(["bad", "No connection to handwheel: it stops what this page drove; if it has ended, the board does by its link timeout. The page tries again every second."]);
   else if (board && !board.connected) lines.push(["bad", `No board: ${board.why ?? "it does not answer"}`]);
   else if (board?.has_state && state && performance.now() - lastState > STALE_MS) lines.push(["bad", "The board's state has not come for a second: what you see is old"]);
   if (state?.silent) lines.push(["warn", "The board hears no host: what moved was stopped"]);
@@ -58,19 +58,21 @@ function general() {
 
 function render() {
   const lines = general();
-  const key = JSON.stringify([lines, reasons, faults]);
+  const key = JSON.stringify([lines, reasons, faults, Boolean(told("faults")), Boolean(told("board"))]);
   if (key === shown) return;
   shown = key;
   const items = lines.map(([kind, text]) => el("li", { class: kind }, el("span", { text })));
+  if (faults.length > 1) {
+    const all = writer(button("Clear all", () => attempt("clear", {}, "clear all"), { id: "clear-all", "aria-label": "Clear all faults" }));
+    items.push(el("li", { class: "bad" }, all, el("b", { text: `${faults.length} faults` })));
+  }
   for (const fault of faults) items.push(faultLine(fault));
   for (const [motor, reason] of reasons) {
+    if (faults.some((fault) => fault.motor === motor && reason.includes(fault.name))) continue; // said above
     items.push(el("li", { class: "warn", "data-reason": motor }, el("b", { text: `Motor ${motor}` }), el("span", { text: reason })));
   }
-  if (faults.length > 1) {
-    const all = writer(button("Clear all faults", () => attempt("clear", {}, "clear all"), { id: "clear-all" }));
-    items.push(el("li", {}, all));
-  }
-  if (!items.length) items.push(el("li", { class: "fine", text: "No faults" }));
+  if (!items.length && told("faults")) items.push(el("li", { class: "fine" }, el("span", { text: "No faults" })));
+  else if (!items.length && told("board")) items.push(el("li", {}, el("span", { text: "This board has told nothing of faults" })));
   faultList.replaceChildren(...items);
 }
 
@@ -81,10 +83,10 @@ function faultLine(fault) {
     "data-do": "clear", "aria-label": `Clear fault ${fault.name} of ${fault.whose}`,
     title: fault.motor ? "" : "clears all that is latched",
   }));
-  return el("li", { class: "bad", "data-fault": fault.number },
+  return el("li", { class: "bad", "data-fault": fault.number }, clear,
     el("b", { text: `${capital(fault.whose)}: ${fault.name}` }),
     el("span", { text: fault.remedy ?? "" }),
-    el("small", { text: `(fault ${number(fault.number)} ${about})` }), clear);
+    el("small", { text: `(fault ${number(fault.number)} ${about})` }));
 }
 
 const capital = (text) => String(text ?? "").replace(/^./, (letter) => letter.toUpperCase());

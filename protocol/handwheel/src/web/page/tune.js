@@ -59,6 +59,7 @@ function gains(name) {
 }
 
 async function step() {
+  if (stepButton.classList.contains("busy")) return;
   const name = of.value;
   const to = entered(target);
   const ms = entered(lasts);

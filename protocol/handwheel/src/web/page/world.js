@@ -7,6 +7,8 @@ import { attempt, note } from "/strip.js";
 
 /** Those with controls of their own. */
 const OWN = ["wall_cm", "jam", "unplugged", "link", "battery_v", "seed"];
+/** A sonar that sees nothing. */
+const NOTHING_CM = 255;
 const MOTORS = [1, 2, 3, 4, 5, 6];
 
 const panel = document.getElementById("panel-world");
@@ -16,6 +18,7 @@ let rawList;
 let truth;
 let wall;
 let wallNow;
+let seen;
 let cut;
 let seed;
 let seedNow;
@@ -69,7 +72,7 @@ function hear({ state }) {
   const is = overridden();
   for (const [key, card] of cards) card.hidden = !settable.includes(key) && key !== "link";
   const isSet = is.wall_cm !== undefined && is.wall_cm !== null;
-  put(wallNow, isSet ? `A wall, ${Math.round(is.wall_cm)} cm away` : "No wall");
+  put(wallNow, isSet ? `A wall, put at ${Math.round(is.wall_cm)} cm` : "No wall");
   for (const { key, buttons } of banks) {
     members(key, MOTORS.length).forEach((value, i) => buttons[i].setAttribute("aria-pressed", String(Boolean(value))));
   }
@@ -102,7 +105,8 @@ function card(key, title, ...children) {
 function makeWall() {
   wall = el("input", { id: "wall", type: "number", min: 0, max: 1000, step: 1, value: 100 });
   wallNow = el("p", { class: "now" });
-  return card("wall_cm", "Wall", el("p", { class: "dim", text: "The wheels drive towards it, and the sonars see it." }), wallNow,
+  seen = el("p", { class: "dim" });
+  return card("wall_cm", "Wall", el("p", { class: "dim", text: "The wheels drive towards it, and the sonars see it." }), wallNow, seen,
     el("form", { class: "line", onsubmit: (event) => {
       event.preventDefault();
       const cm = entered(wall);
@@ -117,10 +121,10 @@ function makeBatteries() {
   const change = () => set("battery_v", batteries.map((input) => entered(input)));
   for (const input of batteries) input.addEventListener("change", change);
   return card("battery_v", "Batteries", ...["board", "motors", "servos"].map((name, i) => labelled(name, batteries[i], "V")),
-    button("As simulated", () => {
+    el("p", { class: "line" }, button("As simulated", () => {
       for (const input of batteries) input.value = "";
       set("battery_v", null);
-    }));
+    })));
 }
 
 export function start() {
@@ -144,4 +148,7 @@ export function start() {
     el("section", { class: "card wide" }, el("h2", { text: "Everything else that can be set" }), rawList),
     el("details", { class: "card wide" }, el("summary", { text: "The simulated truth, as JSON" }), truth));
   on("world", hear);
+  on("sensors", ({ sonar_cm: sonars }) => {
+    if (!panel.hidden && sonars) put(seen, `The sonars see ${sonars.map((cm) => (cm === NOTHING_CM ? "nothing" : cm)).join(", ")} cm`);
+  });
 }
