@@ -78,8 +78,9 @@ fn any_page_stops_everything_armed_or_not() {
     desk.open(TWO);
     desk.say(TWO, json!({"do": "stop"}));
     desk.run(5);
-    assert_eq!((desk.duty(1), desk.duty(2)), (None, None), "not at once");
+    assert!(!desk.drives(1) && !desk.drives(2), "not at once");
     desk.run(2000);
+    assert_eq!((desk.duty(1), desk.duty(2)), (None, None));
     assert!(desk.board.plant.borrow().outputs.servos.iter().all(Option::is_none));
     assert_eq!(desk.last(ONE, "armed")["you"], true);
 }

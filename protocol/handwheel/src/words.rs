@@ -87,12 +87,9 @@ pub fn reason(state: &ChannelState) -> Option<String> {
     Some(match state.reason {
         Reason::None => return None,
         Reason::Fault => match Fault::from_number(state.detail) {
-            Some(of) => format!(
-                "fault {}, {}: {}; then `handwheel faults clear`",
-                state.detail,
-                fault(of),
-                remedy(of)
-            ),
+            Some(of) => {
+                format!("fault {}, {}: {}; then clear it", state.detail, fault(of), remedy(of))
+            }
             None => format!("fault {}", state.detail),
         },
         Reason::Silence => "the host fell silent".into(),

@@ -25,11 +25,11 @@
 //! | `drive` | `motor`, one of `velocity` (counts/s), `position` (counts), `duty` (percent); `ms` of ramp, 0 | yes | motor runs until it is told otherwise; ok null when acknowledged |
 //! | `off` | `motor` | yes | stops this one |
 //! | `step` | `motor`, `velocity` or `position`, `ms`: how long, 2000 | yes | ok as [below](#a-step) when it is over; the motor is stopped then |
-//! | `servo` | `servo`, `us`, `ms` | yes | a pulse in microseconds, which holds |
+//! | `servo` | `servo`, `us`, `ms` | yes | a pulse in microseconds, which holds; null is no pulse |
 //! | `gpio` | `outputs`: 0 to 255 | yes | bit 0 is GPIO0 |
 //! | `lcd` | `image`: 2048 hex digits | yes | sixteen parts of 64 columns as DID 23 has them |
 //! | `zero` | `motor` | yes | its encoder's count becomes 0; the motor must be off |
-//! | `clear` | `motor`, or nothing: all | yes | clears what is latched |
+//! | `clear` | `motor`, or nothing: all | yes | clears what is latched of a motor; of the board only together with all |
 //! | `set` | `values`: `{NAME: NUMBER, ...}` | yes | settings in force, all or none, not saved |
 //! | `save`, `reset` | | yes | saves what is in force; the defaults, saved. Only with all off |
 //! | `settings` | | no | reads all settings anew |
@@ -46,7 +46,7 @@
 //! | `page` | `name` of this page (`"page 2"`) |
 //! | `board` | `link`, `connected`, `why` if not; `kind` (`"pms5005"`, `"pioneer-arm"`, `"cm5"`), `title`, `firmware` (`"0.1.0"` or null), `extension`, `start` and `origin` (why it started, where its settings are from; words), `has_state`, `is_virtual` |
 //! | `armed` | `by`: the name of the page that is armed, or null; `you` |
-//! | `state` | up to 50 a second: `ms` (of the board's uptime, never back), `silent`, `obstacle`, `fault`, `refused`, `battery_v` (board, motors, servos), `servos_us` (null is no pulse), `motors`: six of `mode` (`"off"`, `"PWM"`, `"position"`, `"velocity"`), `set_point`, `position`, `velocity`, `duty` (percent), `current` (A), `reason` (words or null), `ours` (driven from a page here) |
+//! | `state` | up to 50 a second: `ms` (of the board's uptime, never back), `silent`, `obstacle`, `fault`, `refused`, `battery_v` (board, motors, servos), `servos_us` (null is no pulse), `motors`: six of `mode` (`"off"`, `"PWM"`, `"position"`, `"velocity"`), `set_point` (counts/s, counts, or percent in PWM), `position`, `velocity`, `duty` (percent), `current` (A), `reason` (words or null), `ours` (driven from a page here) |
 //! | `sensors` | up to 10 a second: `sonar_cm` (255 nothing), `ir_cm` (10 to 80), `human`, `tilt`, `overheat`, `temperature`, `custom`, `reference` (A/D), `potentiometers` (A/D), `inputs` (bits), `remote` |
 //! | `health` | once a second: `uptime_ms`, `latency_us` (worst), `stack`, `missed` (periods), `faults` (how many), `counters` and `refusals` (names and numbers), `frames` and `bytes` a second on this link |
 //! | `faults` | `faults`: a list of `number`, `name`, `whose`, `motor` (or null), `ms`, `remedy`, `values`: `[NAME, NUMBER]` pairs |

@@ -162,6 +162,11 @@ impl Panel {
             "step" => self.step(asker, object)?,
             "servo" => {
                 let servo = member(object, "servo")?;
+                if object.get("us").is_some_and(Value::is_null) {
+                    let off = Command::Run { scope: Scope::Servo(servo.channel()), run: false };
+                    self.command(&off, Purpose::Page(asker, "servos"));
+                    return Ok(());
+                }
                 let pulse = object.get("us").and_then(Value::as_f64);
                 let pulse = pulse.ok_or("us: a pulse in microseconds is wanted")?;
                 let time = ms(object, "ms", 0, i64::from(u16::MAX))?;

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use protocol::arcos::ArmStatus;
 use protocol::cm5::Feedback;
-use protocol::extension::{FaultRecord, MachineState, flag};
+use protocol::extension::{FaultRecord, MachineState, Mode, flag};
 use protocol::pms5005::{CustomIoReport, MotorReport, Report, SensorReport};
 use serde_json::{Map, Value, json};
 
@@ -125,8 +125,12 @@ impl Panel {
         let motors: Vec<_> = Number::all()
             .map(|motor| {
                 let channel = &state.channels[motor.index()];
+                let set_point = match channel.mode {
+                    Mode::Pwm => rounded(words::percent(channel.set_point), 100.0).into(),
+                    _ => Value::from(channel.set_point),
+                };
                 json!({
-                    "mode": words::mode(channel.mode), "set_point": channel.set_point,
+                    "mode": words::mode(channel.mode), "set_point": set_point,
                     "position": channel.position, "velocity": channel.velocity,
                     "duty": rounded(words::percent(channel.duty), 100.0),
                     "current": rounded(words::amperes(channel.current), 1000.0),
