@@ -424,8 +424,22 @@ fn help_begins_with_what_the_program_does_and_the_version_is_its_own() {
     for limit in ["1 to 253", "0 to 1000000", "9600 or more", "Exit codes"] {
         assert!(help.contains(limit), "{limit}: {help}");
     }
-
     assert!(said("--version").starts_with("virtual-board "));
+}
+
+#[test]
+fn the_page_is_served_unless_nobody_wants_it() {
+    let says = |options: &[&str]| {
+        let all = [&["--seconds", "0.1", "--tcp", "127.0.0.1:0"], options].concat();
+        let output = program(&all).output().unwrap();
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8(output.stdout).unwrap().contains("page http://127.0.0.1:")
+    };
+    assert!(says(&[]) && says(&["cm5"]) && says(&["pioneer-arm"]));
+    assert!(says(&["--headless", "--web", "127.0.0.1:0"]));
+    assert!(!says(&["--headless"]) && !says(&["--web", "off"]) && !says(&["ax12-bus"]));
+    refused(&program(&["ax12-bus", "--web", "127.0.0.1:0"]).output().unwrap(), "--web");
+    refused(&program(&["--web", "nowhere"]).output().unwrap(), "--web nowhere");
 }
 
 #[test]

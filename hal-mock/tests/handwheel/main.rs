@@ -9,6 +9,7 @@ mod others;
 #[path = "../program/mod.rs"]
 mod program;
 mod review_client;
+mod web;
 mod wrong;
 
 use handwheel::cli::{Interrupt, Surroundings, run};

@@ -74,9 +74,14 @@ pub fn serve(serve: Serve, end: Arc<AtomicBool>) -> Result<Page, Error> {
         true => None,
         false => Some(token()?),
     };
+    // Seen from this computer; elsewhere its own address stands in place of localhost.
+    let host = match place.ip().is_unspecified() {
+        true => format!("localhost:{}", place.port()),
+        false => place.to_string(),
+    };
     let address = match &token {
-        None => format!("http://{place}/"),
-        Some(token) => format!("http://{place}/?token={token}"),
+        None => format!("http://{host}/"),
+        Some(token) => format!("http://{host}/?token={token}"),
     };
     let (calls, heard) = channel();
     let gate = Arc::new(Gate { names, token });
