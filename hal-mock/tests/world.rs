@@ -3,10 +3,10 @@
 
 mod program;
 
-use std::io::Write;
+use std::io::{Read, Write};
 
 use program::{Board, cannot_run, program};
-use protocol::pms5005::{Addressing, Command, Move, Quantity};
+use protocol::pms5005::{Addressing, Command, Frame, Move, Quantity, Receiver};
 use serde_json::{Value, json};
 
 const OPTIONS: [&str; 4] = ["--udp", "127.0.0.1:0", "--line-rate", "0"];
@@ -43,6 +43,7 @@ fn the_inspector_puts_a_wall_in_the_way_and_takes_it_away() {
     assert_eq!(state["overridden"], json!({"wall_cm": 20.5}));
     drive(&mut tcp, 16_384 + 8000);
     board.until(|state| state["wall_cm"].as_f64().is_some_and(|cm| cm <= 3.0));
+    drive(&mut tcp, 16_384 + 8000); // it may have fallen silent
     board.until(|state| velocity(state, 0) == 0.0 && state["motors"][0]["current_a"] != 0.0);
     set(&board, json!({"wall_cm": null}));
     drive(&mut tcp, 16_384 + 8000);
@@ -108,13 +109,13 @@ fn a_scene_has_the_same_from_the_start() {
     let scene = ["--scene", file.to_str().unwrap()];
     let text = "seed = 7
         [environment]
-        wall_cm = 30.5
+        wall_cm = 9000.5
         [faults]
         jam = [false, true, false, false, false, false]";
     std::fs::write(&file, text).unwrap();
     let board = board(&scene);
     let state = board.state();
-    assert_eq!((&state["wall_cm"], &state["overridden"]), (&json!(30.5), &json!({})));
+    assert_eq!((&state["wall_cm"], &state["overridden"]), (&json!(9000.5), &json!({})));
     let mut tcp = board.tcp();
     drive(&mut tcp, 16_384 + 8000);
     board.until(|state| velocity(state, 0) > 5000.0 && velocity(state, 1) == 0.0);
@@ -130,5 +131,34 @@ fn a_scene_has_the_same_from_the_start() {
     std::fs::write(&file, "[faults]\nunplugged = true").unwrap();
     let output = program(&[&OPTIONS[..], &["--tcp", "127.0.0.1:0"], &scene].concat()).output();
     cannot_run(&output.unwrap(), "unplugged");
+    std::fs::remove_file(&file).unwrap();
+}
+
+/// What so many frames of motor telemetry hold.
+fn noise(board: &Board, frames: usize) -> Vec<Vec<u8>> {
+    let (mut tcp, mut receiver, mut all) = (board.tcp(), Receiver::new(), Vec::new());
+    while all.len() < frames {
+        let mut buffer = [0; 256];
+        let count = tcp.read(&mut buffer).unwrap();
+        assert!(count > 0, "the board has closed the link");
+        let mut bytes = &buffer[..count];
+        while let Some(frame) = receiver.receive(&mut bytes) {
+            let frame = Frame::parse(frame).unwrap();
+            all.extend((frame.did == 123).then(|| frame.data.to_vec()));
+        }
+    }
+    all
+}
+
+#[test]
+fn the_seed_is_the_command_lines_or_else_the_scenes() {
+    let file = std::env::temp_dir().join(format!("seed-{}.toml", std::process::id()));
+    let scene = ["--scene", file.to_str().unwrap()];
+    std::fs::write(&file, "noise_lsb = 500.0\nseed = 7").unwrap();
+    let late = noise(&board(&scene), 40).pop().unwrap();
+    std::fs::write(&file, "noise_lsb = 500.0\nseed = 9").unwrap();
+    // What one has read two seconds after its start or later the other reads too.
+    assert!(noise(&board(&[&scene[..], &["--seed", "7"]].concat()), 80).contains(&late));
+    assert!(!noise(&board(&scene), 80).contains(&late));
     std::fs::remove_file(&file).unwrap();
 }

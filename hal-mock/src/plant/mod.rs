@@ -23,8 +23,8 @@ pub use ax12::{Ax12, Surroundings};
 pub use motor::{Hold, Motor};
 pub use scene::{BatteryScene, Environment, FaultScene, MotorScene, Scene, ShaftSensor};
 pub use servo::Servo;
-use wall::Wall;
-pub use wall::{BUMPER_CM, FARTHEST_CM};
+pub use wall::FARTHEST_CM;
+use wall::{BUMPER_CM, Wall};
 
 /// Length of a step in seconds.
 pub const STEP_S: f32 = 0.001;
