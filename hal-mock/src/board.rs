@@ -105,6 +105,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
         clock::reset();
         let plant = Rc::new(RefCell::new(Plant::new(make.scene, make.seed)));
         let line = Line::new(make.line_rate);
+        line.cut(!make.scene.faults.link);
         let channels = Rc::new(RefCell::new(Rc::new(Channels::new())));
         let restart = Rc::new(Restart::new());
         let watchdog = Rc::new(Watchdog::new(WATCHDOG_PERIOD));

@@ -2,6 +2,7 @@
 //!
 //! ```toml
 //! noise_lsb = 1.5                 # A/D noise, peak
+//! seed = 7                        # of that noise; the command line's comes first
 //!
 //! [motor.0]                       # motor.0 to motor.5
 //! sensor = "dual-potentiometer"   # encoder, potentiometer, dual-potentiometer, none
@@ -19,25 +20,36 @@
 //! [environment]
 //! sonar_cm = [40, 255, 255, 255, 255, 255]
 //! ir_range_cm = 80.0              # ambient_c, driver_c, tilt_g, custom_v, gpio_in
+//! wall_cm = 120.0                 # a wall ahead, at the start; sonars 1 to 3 and infrared see it
+//! cm_per_count = [0.004, 0.004]   # wheels 0 and 1; negative: falling counts go forward
+//!
+//! [faults]                        # from the start; the inspector's words
+//! jam = [false, false, true, false, false, false]
+//! unplugged = [true, false, false, false, false, false]
+//! link = false
 //! ```
 
 use serde::Deserialize;
 
-use crate::plant::{BatteryScene, Environment, MotorScene, Scene, ShaftSensor};
+use crate::plant::{
+    BatteryScene, Environment, FARTHEST_CM, FaultScene, MotorScene, Scene, ShaftSensor,
+};
 
 #[derive(Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct SceneFile {
     noise_lsb: f32,
+    seed: Option<u64>,
     motor: Motors,
     battery: BatteryScene,
     environment: Environment,
+    faults: FaultScene,
 }
 
 impl Default for SceneFile {
     fn default() -> Self {
-        let Scene { noise_lsb, battery, environment, .. } = Scene::default();
-        Self { noise_lsb, battery, environment, motor: Motors::default() }
+        let Scene { noise_lsb, seed, battery, environment, faults, .. } = Scene::default();
+        Self { noise_lsb, seed, battery, environment, faults, motor: Motors::default() }
     }
 }
 
@@ -104,8 +116,10 @@ pub fn parse(text: &str) -> Result<Scene, String> {
     let Motors { m0, m1, m2, m3, m4, m5 } = file.motor;
     let mut scene = Scene {
         noise_lsb: file.noise_lsb,
+        seed: file.seed,
         battery: file.battery,
         environment: file.environment,
+        faults: file.faults,
         ..Scene::default()
     };
     for (motor, changes) in scene.motors.iter_mut().zip([m0, m1, m2, m3, m4, m5]) {
@@ -152,10 +166,14 @@ fn check(scene: &Scene) -> Result<(), String> {
     let world = &scene.environment;
     in_range("environment.ir_range_cm".into(), world.ir_range_cm, 10.0, 80.0)?;
     in_range("environment.ambient_c".into(), world.ambient_c, -50.0, 150.0)?;
+    if let Some(wall_cm) = world.wall_cm {
+        in_range("environment.wall_cm".into(), wall_cm, 0.0, FARTHEST_CM)?;
+    }
     for (key, values, low, high) in [
         ("driver_c", &world.driver_c[..], -50.0, 200.0),
         ("tilt_g", &world.tilt_g[..], -2.0, 2.0),
         ("custom_v", &world.custom_v[..], 0.0, 3.0),
+        ("cm_per_count", &world.cm_per_count[..], -1.0, 1.0),
     ] {
         for (i, value) in values.iter().enumerate() {
             in_range(format!("environment.{key}[{i}]"), *value, low, high)?;
@@ -191,6 +209,23 @@ mod tests {
     }
 
     #[test]
+    fn a_wall_a_seed_and_what_is_broken_are_read() {
+        let text = "seed = 7
+            [environment]
+            wall_cm = 120.5
+            cm_per_count = [0.01, -0.01]
+            [faults]
+            unplugged = [false, true, false, false, false, false]
+            link = false";
+        let mut expected = Scene { seed: Some(7), ..Scene::default() };
+        expected.environment.wall_cm = Some(120.5);
+        expected.environment.cm_per_count = [0.01, -0.01];
+        expected.faults.unplugged[1] = true;
+        expected.faults.link = false;
+        assert_eq!(parse(text), Ok(expected));
+    }
+
+    #[test]
     fn what_is_wrong_is_named_in_one_line() {
         for (text, names) in [
             ("nois = 1", "nois"),
@@ -208,6 +243,12 @@ mod tests {
             ("[motor.2]\nstart = -5", "motor.2.start"),
             ("[environment]\ntilt_g = [0.0, nan]", "environment.tilt_g[1]"),
             ("[environment]\nir_range_cm = 0.0", "environment.ir_range_cm"),
+            ("[environment]\nwall_cm = -1.0", "environment.wall_cm"),
+            ("[environment]\nwall_cm = \"far\"", "line 2"),
+            ("[environment]\ncm_per_count = [0.0, 2.0]", "environment.cm_per_count[1]"),
+            ("[faults]\njam = [true]", "line 2"),
+            ("[faults]\nlinks = false", "links"),
+            ("seed = -1", "seed"),
         ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(names) && error.lines().count() == 1, "{text}: {error}");

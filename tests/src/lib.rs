@@ -12,7 +12,7 @@
 //! - `tests/safety.rs`: silence, suspension, obstacles; `tests/stops.rs`: nothing moves after a stop;
 //! - `tests/asked.rs`: what was asked moves as asked; `tests/reasons.rs`: why a motor does not;
 //! - `tests/refusals.rs`: what is not done; `tests/order.rs`: one frame, one period;
-//! - `tests/watchdog.rs`: tasks that hang;
+//! - `tests/watchdog.rs`: tasks that hang; `tests/world.rs`: a wall, and what breaks on the way to it;
 //! - `tests/faults/`: every fault and its near miss, every setting of them; `tests/healthy.rs`: what
 //!   is none;
 //! - `tests/rooms.rs`: what each module of the firmware may import;

@@ -49,11 +49,8 @@ fn keep(bench: &Bench, by: Keeps, held: bool) {
         Keeps::Obstacle => all.sonar_cm[0] = held.then_some(10),
         Keeps::Jam => all.jam[0] = held.then_some(true),
         Keeps::CurrentLimit => all.currents[0] = held.then_some(3700),
-        Keeps::WeakSupply => {}
+        Keeps::WeakSupply => all.battery_v[1] = held.then_some(0.3),
     });
-    if matches!(by, Keeps::WeakSupply) {
-        bench.board.plant.borrow_mut().set_motor_volts(if held { 0.3 } else { 12.0 });
-    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The simulated world on the other side of the ports.
 //!
 //! A [`Plant`] is built from a [`Scene`], moves in steps of 1 ms, and reads like the board's
-//! converters and counters. [`Overrides`] replace what sensors read, and block shafts, without
-//! touching what is simulated behind them.
+//! converters and counters. [`Overrides`] replace what sensors read, and break or change what is
+//! around the board, without touching what is simulated behind them.
 //!
 //! Arithmetic is `f32` with nothing but the four operations, so that a computer and a Cortex-M4
 //! agree to the bit. Noise comes from one seeded generator.
@@ -12,6 +12,7 @@ mod convert;
 mod motor;
 mod scene;
 mod servo;
+mod wall;
 
 use core::array;
 
@@ -19,9 +20,11 @@ use firmware::control::potentiometer;
 use firmware::ports::{MotionInputs, Outputs, Sensors};
 
 pub use ax12::{Ax12, Surroundings};
-pub use motor::Motor;
-pub use scene::{BatteryScene, Environment, MotorScene, Scene, ShaftSensor};
+pub use motor::{Hold, Motor};
+pub use scene::{BatteryScene, Environment, FaultScene, MotorScene, Scene, ShaftSensor};
 pub use servo::Servo;
+pub use wall::FARTHEST_CM;
+use wall::{BUMPER_CM, Wall};
 
 /// Length of a step in seconds.
 pub const STEP_S: f32 = 0.001;
@@ -33,7 +36,7 @@ pub struct Overrides {
     /// Potentiometers, A/D counts.
     #[cfg_attr(feature = "std", serde(rename = "pot"))]
     pub potentiometers: [Option<u16>; 6],
-    /// Encoders' counters; one that does not change is one that is unplugged.
+    /// Encoders' counters.
     #[cfg_attr(feature = "std", serde(rename = "encoder"))]
     pub encoders: [Option<u16>; 2],
     /// Motor currents, A/D counts.
@@ -63,6 +66,13 @@ pub struct Overrides {
     pub gpio_in: Option<u8>,
     /// Blocked shafts.
     pub jam: [Option<bool>; 6],
+    /// Motors whose position sensor is pulled. An encoder's counter stands still, and goes on from
+    /// there when it is plugged in again; a potentiometer's input is open, which reads as
+    /// that of a motor without one: the middle of the range.
+    pub unplugged: [Option<bool>; 6],
+    /// The batteries themselves: board, motors without load, servos; volts, 0 or more.
+    #[cfg_attr(feature = "std", serde(skip))]
+    pub battery_v: [Option<f32>; 3],
     /// The display's bus hangs: nothing is shown any more.
     #[cfg_attr(feature = "std", serde(skip))]
     pub lcd_hangs: bool,
@@ -83,13 +93,18 @@ pub struct Plant {
     pub lcd: [[u8; 64]; 16],
     /// Motor supply in volts, sagging under load.
     supply_v: f32,
+    /// A wall that a user has placed.
+    wall: Option<Wall>,
     noise: fastrand::Rng,
+    /// The noise's first seed, and one that a user has put in its place.
+    seed: u64,
+    reseeded: Option<u64>,
     /// Milliseconds simulated.
     now_ms: u64,
 }
 
 impl Plant {
-    /// A world at rest.
+    /// A world at rest, whose noise has this seed.
     pub fn new(scene: Scene, seed: u64) -> Self {
         Self {
             motors: array::from_fn(|i| Motor::new(scene.motors[i])),
@@ -98,15 +113,75 @@ impl Plant {
             overrides: Overrides::default(),
             lcd: [[0; 64]; 16],
             supply_v: scene.battery.motor_v,
+            wall: None,
             noise: fastrand::Rng::with_seed(seed),
+            seed,
+            reseeded: None,
             now_ms: 0,
             scene,
         }
     }
 
-    /// Puts another voltage on the motors' battery, without load.
-    pub fn set_motor_volts(&mut self, volts: f32) {
-        self.scene.battery.motor_v = volts;
+    /// Puts a wall so far ahead of where the vehicle is now, 0 to [`FARTHEST_CM`]; `None` takes it
+    /// away, and the scene's is there again, where it was.
+    pub fn place_wall(&mut self, cm: Option<f32>) {
+        self.wall = cm.map(|cm| Wall { cm, wheels: self.wheels() });
+    }
+
+    /// How far ahead a wall was last placed.
+    pub fn placed_wall_cm(&self) -> Option<f32> {
+        self.wall.map(|wall| wall.cm)
+    }
+
+    /// How far the wall is now, in cm, if there is one.
+    pub fn wall_cm(&self) -> Option<f32> {
+        let Environment { wall_cm, cm_per_count, .. } = self.scene.environment;
+        let [first, second, ..] = &self.scene.motors;
+        let scenes = || wall_cm.map(|cm| Wall { cm, wheels: [first.start, second.start] });
+        let wall = self.wall.or_else(scenes)?;
+        Some(wall.distance_cm(self.wheels(), cm_per_count))
+    }
+
+    /// Has the noise go on from another seed, or with `None` begin anew from its first.
+    pub fn reseed(&mut self, seed: Option<u64>) {
+        self.reseeded = seed;
+        self.noise.seed(seed.unwrap_or(self.seed));
+    }
+
+    /// The seed that was last put in place of the first.
+    pub fn reseeded(&self) -> Option<u64> {
+        self.reseeded
+    }
+
+    fn wheels(&self) -> [i64; 2] {
+        array::from_fn(|i| self.motors[i].position())
+    }
+
+    fn battery(&self) -> BatteryScene {
+        let own = self.scene.battery;
+        let [main, motor, servo] = self.overrides.battery_v;
+        BatteryScene {
+            main_v: main.unwrap_or(own.main_v),
+            motor_v: motor.unwrap_or(own.motor_v),
+            servo_v: servo.unwrap_or(own.servo_v),
+            ..own
+        }
+    }
+
+    fn is_unplugged(&self, motor: usize) -> bool {
+        self.overrides.unplugged[motor].unwrap_or(self.scene.faults.unplugged[motor])
+    }
+
+    /// What holds a motor's shaft.
+    fn hold(&self, motor: usize, is_at_wall: bool) -> Hold {
+        if self.overrides.jam[motor].unwrap_or(self.scene.faults.jam[motor]) {
+            return Hold::BothWays;
+        }
+        match self.scene.environment.cm_per_count.get(motor) {
+            Some(&cm) if is_at_wall && cm > 0.0 => Hold::Rising,
+            Some(&cm) if is_at_wall && cm < 0.0 => Hold::Falling,
+            _ => Hold::Nothing,
+        }
     }
 
     /// Lets time pass until `ms` milliseconds after the beginning, under the outputs as they are.
@@ -118,12 +193,18 @@ impl Plant {
     }
 
     fn step(&mut self) {
-        let battery = self.scene.battery;
+        let battery = self.battery();
         let supply = self.supply_v / battery.motor_nominal_v;
+        let is_at_wall = self.wall_cm().is_some_and(|cm| cm <= BUMPER_CM);
         let mut load_a = 0.0;
-        for (i, motor) in self.motors.iter_mut().enumerate() {
-            let jammed = self.overrides.jam[i].unwrap_or(false);
-            motor.step(self.outputs.motors[i], supply, jammed);
+        for i in 0..self.motors.len() {
+            let (hold, is_unplugged) = (self.hold(i, is_at_wall), self.is_unplugged(i));
+            let motor = &mut self.motors[i];
+            let from = motor.position();
+            motor.step(self.outputs.motors[i], supply, hold);
+            if is_unplugged {
+                motor.miss(motor.position() - from);
+            }
             load_a += motor.current_a();
         }
         // A battery charges no motor here: a braking motor's current stays in its bridge.
@@ -136,8 +217,10 @@ impl Plant {
     /// What the converters and counters of the motion hardware read.
     pub fn motion_inputs(&mut self) -> MotionInputs {
         let mut potentiometers = [convert::MID_SCALE; 6];
+        let plant = &*self;
         let with = |sensor| {
-            self.motors.iter().enumerate().filter(move |(_, m)| m.scene().sensor == sensor)
+            let motors = plant.motors.iter().enumerate();
+            motors.filter(move |&(i, m)| m.scene().sensor == sensor && !plant.is_unplugged(i))
         };
         for (i, motor) in with(ShaftSensor::Potentiometer) {
             potentiometers[i] = motor.potentiometer(0.0);
@@ -167,7 +250,8 @@ impl Plant {
     /// What the other sensors read.
     pub fn sensors(&mut self) -> Sensors {
         let world = self.scene.environment;
-        let battery = self.scene.battery;
+        let wall_cm = self.wall_cm().unwrap_or(f32::INFINITY);
+        let battery = self.battery();
         let set = self.overrides.clone();
         let battery_ad = [
             convert::volts(battery.main_v, 9.0),
@@ -181,7 +265,10 @@ impl Plant {
                 set.custom_ad[i].unwrap_or(read)
             }),
             gpio_in: set.gpio_in.unwrap_or(world.gpio_in),
-            sonar_cm: array::from_fn(|i| set.sonar_cm[i].unwrap_or(world.sonar_cm[i])),
+            sonar_cm: array::from_fn(|i| {
+                let ahead = if i < wall::SONARS_AHEAD { wall::sonar_cm(wall_cm) } else { u8::MAX };
+                set.sonar_cm[i].unwrap_or(world.sonar_cm[i].min(ahead))
+            }),
             human: array::from_fn(|i| {
                 let read = self.converter(convert::MID_SCALE);
                 set.human[i].unwrap_or(read)
@@ -199,7 +286,7 @@ impl Plant {
                 set.temperature.unwrap_or(read)
             },
             ir_range: {
-                let read = self.converter(convert::ir_range(world.ir_range_cm));
+                let read = self.converter(convert::ir_range(world.ir_range_cm.min(wall_cm)));
                 set.ir_range.unwrap_or(read)
             },
             ir_command: array::from_fn(|i| set.ir_command[i].unwrap_or(0)),
@@ -276,6 +363,59 @@ mod tests {
         let read = |seed| Plant::new(Scene::default(), seed).motion_inputs().potentiometers;
         assert_eq!(read(7), read(7));
         assert_ne!(read(7), read(8));
+        // Also when it is put in later, and when it is taken away again.
+        let mut plant = Plant::new(Scene::default(), 8);
+        plant.reseed(Some(7));
+        assert_eq!((plant.motion_inputs().potentiometers, plant.reseeded()), (read(7), Some(7)));
+        plant.reseed(None);
+        assert_eq!((plant.motion_inputs().potentiometers, plant.reseeded()), (read(8), None));
+    }
+
+    #[test]
+    fn an_unplugged_encoder_stands_still_and_goes_on_from_there() {
+        let mut plant = Plant::new(Scene::default(), 1);
+        plant.outputs = driven(16384);
+        plant.advance_to(100);
+        let stood = plant.motion_inputs().encoders[0];
+        plant.overrides.unplugged[0] = Some(true);
+        plant.advance_to(300);
+        assert_eq!(plant.motion_inputs().encoders[0], stood);
+        let missed = plant.motors[0].position() - i64::from(stood);
+        assert!(missed > 2000, "{missed}");
+        plant.overrides.unplugged[0] = None;
+        plant.advance_to(400);
+        let counted = i64::from(plant.motion_inputs().encoders[0]);
+        assert!(counted > i64::from(stood) + 1000);
+        assert_eq!(counted, plant.motors[0].position() - missed);
+    }
+
+    #[test]
+    fn the_inputs_of_unplugged_potentiometers_are_open() {
+        let mut scene = Scene { noise_lsb: 0.0, ..Scene::default() };
+        scene.motors[0] = MotorScene::with(ShaftSensor::DualPotentiometer);
+        (scene.motors[0].start, scene.motors[3].start) = (500, 500);
+        scene.faults.unplugged = [true, false, false, true, false, false];
+        let mut plant = Plant::new(scene, 1);
+        assert_eq!(plant.motion_inputs().potentiometers, [2048; 6]);
+        plant.overrides.unplugged[3] = Some(false);
+        assert_eq!(plant.motion_inputs().potentiometers[3], 500);
+    }
+
+    #[test]
+    fn another_battery_is_measured_and_felt() {
+        let mut plant = Plant::new(Scene { noise_lsb: 0.0, ..Scene::default() }, 1);
+        plant.outputs = driven(16384);
+        plant.advance_to(1000);
+        let full = plant.motors[0].velocity();
+        plant.overrides.battery_v = [Some(4.5), Some(6.0), Some(4.5)];
+        plant.advance_to(2000);
+        let half = plant.motors[0].velocity() / full;
+        assert!((0.47..0.5).contains(&half), "{half}");
+        let [main, motor, servo] = plant.sensors().battery;
+        assert!((main, servo) == (2048, 2048) && (1000..1024).contains(&motor), "{motor}");
+        plant.overrides.battery_v = [None; 3];
+        plant.advance_to(3000);
+        assert!((plant.motors[0].velocity() / full - 1.0).abs() < 0.01);
     }
 
     #[test]

@@ -25,6 +25,19 @@ const TRACK: f32 = 4095.0;
 /// How much longer a coasting shaft takes to slow down than a shorted one, without friction.
 const COASTING: f32 = 8.0;
 
+/// What holds a shaft fast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// It is free.
+    Nothing,
+    /// Its counts may neither rise nor fall.
+    BothWays,
+    /// Its counts may not rise.
+    Rising,
+    /// Its counts may not fall.
+    Falling,
+}
+
 /// A motor. Positions and velocities are in counts of its sensor.
 #[derive(Clone, Copy, Debug)]
 pub struct Motor {
@@ -32,6 +45,8 @@ pub struct Motor {
     /// Whole counts, unwrapped, and the fraction above them (0 to 1).
     whole: i64,
     fraction: f32,
+    /// Counts that its encoder has not seen.
+    missed: i64,
     velocity: f32,
     current_a: f32,
 }
@@ -39,7 +54,7 @@ pub struct Motor {
 impl Motor {
     /// At rest where the scene has it.
     pub fn new(scene: MotorScene) -> Self {
-        Self { scene, whole: scene.start, fraction: 0.0, velocity: 0.0, current_a: 0.0 }
+        Self { scene, whole: scene.start, fraction: 0.0, missed: 0, velocity: 0.0, current_a: 0.0 }
     }
 
     /// What it was made from.
@@ -62,8 +77,9 @@ impl Motor {
         self.current_a.abs()
     }
 
-    /// One step under `output`; `supply` is the supply voltage in parts of the nominal one.
-    pub fn step(&mut self, output: MotorOutput, supply: f32, jammed: bool) {
+    /// One step under `output`; `supply` is the supply voltage in parts of the nominal one, `hold`
+    /// what holds the shaft.
+    pub fn step(&mut self, output: MotorOutput, supply: f32, hold: Hold) {
         let scene = &self.scene;
         let wiring = if scene.reversed { -1.0 } else { 1.0 };
         let drive = f32::from(output.duty.raw()) / f32::from(Duty::FULL) * supply * wiring;
@@ -76,8 +92,14 @@ impl Motor {
         let of_stall_torque = scene.full_speed * STEP_S / scene.time_constant_s;
         let (load, friction) = (scene.load * of_stall_torque, scene.friction * of_stall_torque);
         let free = (self.velocity + push * scene.full_speed * drag - load) / (1.0 + drag);
+        let is_held = match hold {
+            Hold::Nothing => false,
+            Hold::BothWays => true,
+            Hold::Rising => free > 0.0,
+            Hold::Falling => free < 0.0,
+        };
         self.velocity =
-            if jammed || free.abs() <= friction { 0.0 } else { free - friction * free.signum() };
+            if is_held || free.abs() <= friction { 0.0 } else { free - friction * free.signum() };
         self.current_a = if output.enabled {
             scene.stall_current_a * (drive - self.velocity / scene.full_speed)
         } else {
@@ -101,10 +123,16 @@ impl Motor {
         }
     }
 
+    /// Has the encoder not see the last `counts`: it was unplugged. Its counter goes on from where it
+    /// stood.
+    pub fn miss(&mut self, counts: i64) {
+        self.missed += counts;
+    }
+
     /// The quadrature counter: 16 bits, wrapping. 0 without an encoder.
     pub fn encoder(&self) -> u16 {
         match self.scene.sensor {
-            ShaftSensor::Encoder => self.whole as u16,
+            ShaftSensor::Encoder => (self.whole - self.missed) as u16,
             _ => 0,
         }
     }

@@ -115,6 +115,11 @@ pub struct Environment {
     pub custom_v: [f32; 8],
     /// Input port.
     pub gpio_in: u8,
+    /// A wall in front of the vehicle: how far it is at the start, 0 to 10,000 cm. None by default.
+    pub wall_cm: Option<f32>,
+    /// How far a count of wheels 0 and 1 carries the vehicle forward, -1 to 1 cm; negative where it
+    /// goes forward with falling counts. By default 0.004: 65 cm/s at full speed.
+    pub cm_per_count: [f32; 2],
 }
 
 impl Default for Environment {
@@ -127,7 +132,28 @@ impl Default for Environment {
             tilt_g: [0.0; 2],
             custom_v: [0.0; 8],
             gpio_in: 0,
+            wall_cm: None,
+            cm_per_count: [0.004; 2],
         }
+    }
+}
+
+/// What is broken from the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "std", derive(serde::Deserialize))]
+#[cfg_attr(feature = "std", serde(default, deny_unknown_fields))]
+pub struct FaultScene {
+    /// Blocked shafts.
+    pub jam: [bool; 6],
+    /// Motors whose position sensor is pulled.
+    pub unplugged: [bool; 6],
+    /// Whether the host's link is whole; for whoever has the line, the plant has none.
+    pub link: bool,
+}
+
+impl Default for FaultScene {
+    fn default() -> Self {
+        Self { jam: [false; 6], unplugged: [false; 6], link: true }
     }
 }
 
@@ -140,8 +166,12 @@ pub struct Scene {
     pub battery: BatteryScene,
     /// Surroundings.
     pub environment: Environment,
+    /// What is broken.
+    pub faults: FaultScene,
     /// Peak noise of the A/D converters in counts.
     pub noise_lsb: f32,
+    /// The seed of that noise, for whoever makes the plant and has no other.
+    pub seed: Option<u64>,
 }
 
 impl Default for Scene {
@@ -155,7 +185,9 @@ impl Default for Scene {
             }),
             battery: BatteryScene::default(),
             environment: Environment::default(),
+            faults: FaultScene::default(),
             noise_lsb: 1.5,
+            seed: None,
         }
     }
 }

@@ -33,7 +33,7 @@ struct Ax12Bus {
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
     let (ids, faults) = (options.servos()?, options.bus_faults()?);
     clock::reset();
-    let (baud, seed) = (options.line_rate(), options.seed);
+    let (baud, seed) = (options.line_rate(), options.seed(None));
     let make = Make { baud, echo: false, faults, seed, ..Make::default() };
     Ok(Box::new(Ax12Bus {
         bus: ServoBus::new(make, ids.iter().copied().map(Ax12::new)),

@@ -28,7 +28,7 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
     let (ids, faults) = (options.servos()?, options.bus_faults()?);
     let board = Cm5Board::new(Make {
         servos: ids.iter().copied().map(Ax12::new).collect(),
-        bus: servo_bus::Make { faults, seed: options.seed, ..servo_bus::Make::default() },
+        bus: servo_bus::Make { faults, seed: options.seed(None), ..servo_bus::Make::default() },
         line_rate: options.line_rate(),
         ..Make::default()
     });

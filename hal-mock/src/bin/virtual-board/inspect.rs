@@ -142,8 +142,12 @@ fn answer(line: &[u8], machine: &mut dyn Machine, links: &Links) -> String {
     }
 }
 
-/// Answers a question, or says in one line what is wrong with it.
-pub fn ask(question: &Value, machine: &mut dyn Machine, links: &Links) -> Result<Value, String> {
+/// The answer to a question, or in one line what is wrong with it.
+pub(crate) fn ask(
+    question: &Value,
+    machine: &mut dyn Machine,
+    links: &Links,
+) -> Result<Value, String> {
     let wanted = "expected {\"get\":\"state\"} or {\"set\":{...}}";
     let object = question.as_object().filter(|object| object.len() == 1).ok_or(wanted)?;
     match object.iter().next() {
@@ -154,6 +158,7 @@ pub fn ask(question: &Value, machine: &mut dyn Machine, links: &Links) -> Result
                 overridden.insert(LINK.into(), false.into());
             }
             state["overridden"] = overridden.into();
+            state["settable"] = machine.settable().iter().copied().chain([LINK]).collect();
             state["host"] = links.state();
             Ok(state)
         }

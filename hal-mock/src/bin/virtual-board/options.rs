@@ -69,9 +69,9 @@ pub struct Options {
     /// Serve no page unless --web asks for it, as scripts want it.
     #[arg(long)]
     headless: bool,
-    /// Seed of the simulated noise.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
+    /// Seed of the simulated noise [default: the scene's, or 1].
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -226,6 +226,11 @@ impl Options {
     /// The line's speed in baud; 0 takes no time.
     pub fn line_rate(&self) -> u32 {
         self.line_rate.unwrap_or(self.personality.defaults().line_rate)
+    }
+
+    /// The seed of the noise: the one asked for, or else the scene's.
+    pub fn seed(&self, of_scene: Option<u64>) -> u64 {
+        self.seed.or(of_scene).unwrap_or(1)
     }
 
     /// How the Pioneer Arm tells its state, if that is asked for.

@@ -20,7 +20,7 @@ use crate::values::{numbers, that_are_set};
 /// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
 /// command line goes before the one in the settings.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let make = Make { line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
+    let make = Make { line_rate: options.line_rate(), seed: options.seed(None), ..Make::default() };
     let dialect = options.dialect();
     let session = move |settings: Settings, boot: Boot, now: Instant| {
         let arm = PioneerArm::new(settings, boot, now);

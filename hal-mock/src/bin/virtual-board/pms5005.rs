@@ -8,7 +8,7 @@ use firmware::channel::Channel;
 use firmware::controller::Snapshot;
 use firmware::safety::faults::Fault;
 use hal_mock::board::{Make, VirtualBoard};
-use hal_mock::plant::Overrides;
+use hal_mock::plant::{FARTHEST_CM, Overrides, Scene};
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
 use protocol::pms5005::{Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
@@ -18,12 +18,12 @@ use serde_json::{Map, Value, json};
 use crate::follow::{Follower, Format, Frames};
 use crate::machine::Machine;
 use crate::options::Options;
-use crate::values::{list, number, numbers, that_are_set};
+use crate::values::{decimal, decimals, flags, number, numbers, shown, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its files.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
     let scene = match &options.scene {
-        None => Default::default(),
+        None => Scene::default(),
         Some(path) => {
             let shown = path.display();
             // A FIFO would wait for somebody.
@@ -35,8 +35,8 @@ pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
             scene_file::parse(&text).map_err(|e| format!("--scene {shown}: {e}"))?
         }
     };
-    let make =
-        Make { scene, line_rate: options.line_rate(), seed: options.seed, ..Make::default() };
+    let (line_rate, seed) = (options.line_rate(), options.seed(scene.seed));
+    let make = Make { scene, line_rate, seed, ..Make::default() };
     Ok(Box::new(VirtualBoard::with_flash(make, options.flash()?)))
 }
 
@@ -108,16 +108,38 @@ impl Machine for VirtualBoard {
             "ir_command",
             "gpio_in",
             "jam",
+            "unplugged",
+            "battery_v",
+            "wall_cm",
+            "seed",
         ]
     }
 
     fn overridden(&self) -> Map<String, Value> {
-        that_are_set(json!(self.plant.borrow().overrides))
+        let plant = self.plant.borrow();
+        let mut all = that_are_set(json!(plant.overrides));
+        all.extend(that_are_set(json!({
+            "battery_v": plant.overrides.battery_v.map(|volts| volts.map(shown)),
+            "wall_cm": plant.placed_wall_cm().map(shown),
+            "seed": plant.reseeded(),
+        })));
+        all
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
+        let mut changes = changes.clone();
+        let wall = changes.remove("wall_cm");
+        let wall = wall.map(|value| decimal("wall_cm", &value, FARTHEST_CM)).transpose()?;
+        let seed = changes.remove("seed");
+        let seed = seed.map(|value| number("seed", &value, u64::MAX)).transpose()?;
         let mut plant = self.plant.borrow_mut();
-        plant.overrides = overridden(&plant.overrides, changes)?;
+        plant.overrides = overridden(&plant.overrides, &changes)?;
+        if let Some(cm) = wall {
+            plant.place_wall(cm);
+        }
+        if let Some(seed) = seed {
+            plant.reseed(seed);
+        }
         Ok(())
     }
 }
@@ -132,6 +154,8 @@ struct State {
     /// What the session has counted, by name; `refused` with what the controller has refused.
     link: BTreeMap<&'static str, u32>,
     faults: Vec<String>,
+    /// How far the wall ahead is, if there is one.
+    wall_cm: Option<Value>,
 }
 
 #[derive(Serialize)]
@@ -181,6 +205,7 @@ impl State {
             lcd: plant.lcd.as_flattened().iter().map(|byte| format!("{byte:02x}")).collect(),
             link: link.named().chain([("refused", board.refused())]).collect(),
             faults: faults(&snapshot),
+            wall_cm: plant.wall_cm().map(shown),
         }
     }
 }
@@ -209,6 +234,7 @@ pub fn latched(snapshot: &Snapshot) -> impl Iterator<Item = String> {
 /// The overrides with some of them changed; an error names the key, and nothing is changed.
 fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides, String> {
     const AD: u64 = 4095;
+    const MOST_VOLTS: f32 = 1000.0;
     let mut new = old.clone();
     for (key, value) in changes {
         match key.as_str() {
@@ -226,10 +252,9 @@ fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides
             "sonar_cm" => new.sonar_cm = numbers(key, value, 255)?,
             "ir_command" => new.ir_command = numbers(key, value, 255)?,
             "gpio_in" => new.gpio_in = number(key, value, 255)?,
-            "jam" => {
-                new.jam = list(value, |value| value.as_bool())
-                    .ok_or(format!("{key}: expected 6 booleans, or null"))?;
-            }
+            "jam" => new.jam = flags(key, value)?,
+            "unplugged" => new.unplugged = flags(key, value)?,
+            "battery_v" => new.battery_v = decimals(key, value, MOST_VOLTS)?,
             _ => return Err(format!("{key}: cannot be set")),
         }
     }

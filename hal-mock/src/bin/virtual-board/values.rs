@@ -1,6 +1,6 @@
 //! Numbers and lists of the inspector's questions, checked.
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 /// `N` numbers from 0 to `most`; null in place of one, or of all, is the simulation's own.
 pub fn numbers<T: TryFrom<u64>, const N: usize>(
@@ -26,8 +26,42 @@ fn in_range<T: TryFrom<u64>>(value: &Value, most: u64) -> Option<T> {
     value.as_u64().filter(|&value| value <= most).and_then(|value| T::try_from(value).ok())
 }
 
+/// `N` decimal numbers from 0 to `most`; null in place of one, or of all.
+pub fn decimals<const N: usize>(
+    key: &str,
+    value: &Value,
+    most: f32,
+) -> Result<[Option<f32>; N], String> {
+    list(value, |value| decimal_in_range(value, most))
+        .ok_or(format!("{key}: expected {N} numbers from 0 to {most}, or null"))
+}
+
+/// A decimal number from 0 to `most`, or null.
+pub fn decimal(key: &str, value: &Value, most: f32) -> Result<Option<f32>, String> {
+    match value {
+        Value::Null => Ok(None),
+        value => decimal_in_range(value, most)
+            .map(Some)
+            .ok_or(format!("{key}: expected a number from 0 to {most}, or null")),
+    }
+}
+
+fn decimal_in_range(value: &Value, most: f32) -> Option<f32> {
+    value.as_f64().map(|value| value as f32).filter(|value| (0.0..=most).contains(value))
+}
+
+/// A decimal number in as few digits as tell it: 11.1, not what is nearest to it in binary.
+pub fn shown(decimal: f32) -> Value {
+    json!(decimal.to_string().parse::<f64>().ok())
+}
+
+/// `N` booleans; null in place of one, or of all.
+pub fn flags<const N: usize>(key: &str, value: &Value) -> Result<[Option<bool>; N], String> {
+    list(value, Value::as_bool).ok_or(format!("{key}: expected {N} booleans, or null"))
+}
+
 /// `N` elements, or null in place of one or of all.
-pub fn list<T, const N: usize>(
+fn list<T, const N: usize>(
     value: &Value,
     element: impl Fn(&Value) -> Option<T>,
 ) -> Option<[Option<T>; N]> {
