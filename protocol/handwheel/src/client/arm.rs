@@ -32,6 +32,15 @@ pub struct Arm {
     pub status: ArmStatus,
 }
 
+/// How an arm's state is read, by its setting "arm dialect".
+pub(crate) fn dialect(setting: Option<i32>) -> Dialect {
+    match setting {
+        Some(1) => Dialect::Manual(MotionBits::ZeroToFive),
+        Some(2) => Dialect::Aria,
+        _ => Dialect::Manual(MotionBits::OneToSix),
+    }
+}
+
 impl Client {
     /// Whether another host has the session open.
     pub fn is_guest(&self) -> bool {
@@ -99,11 +108,7 @@ impl Client {
         let known = self.arm.as_ref().and_then(|opened| opened.dialect);
         let dialect = match known {
             Some(dialect) => dialect,
-            None => match self.setting("arm dialect").map(|setting| setting.value) {
-                Ok(1) => Dialect::Manual(MotionBits::ZeroToFive),
-                Ok(2) => Dialect::Aria,
-                _ => Dialect::Manual(MotionBits::OneToSix),
-            },
+            None => dialect(self.setting("arm dialect").ok().map(|setting| setting.value)),
         };
         if let Some(opened) = &mut self.arm {
             opened.dialect = Some(dialect);

@@ -31,13 +31,15 @@ use crate::transport::{self, Transport};
 pub use crate::motion::target::Target;
 pub use crate::session::Setting;
 pub use arm::Arm;
+pub(crate) use arm::dialect;
 pub use motion::Drive;
 pub(crate) use motion::LINK_TIMEOUT;
 pub use settings::{Settings, find};
 pub(crate) use settings::{assignments, check, most, number_of, parts, with_name};
 pub use stop::Stopped;
+pub(crate) use stop::{REPEAT, STAND};
+pub(crate) use streams::{RENEW, Uptime, servo};
 pub use streams::{Reports, Servo, Servos, States};
-pub(crate) use streams::{Uptime, servo};
 
 /// How long one read waits; nothing is later than that.
 const TICK: Duration = Duration::from_millis(10);

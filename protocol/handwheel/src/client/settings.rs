@@ -113,8 +113,10 @@ impl Client {
         let parts = parts(values, most(self.personality()));
         for (k, part) in parts.iter().enumerate() {
             let Err(error) = self.assign(part) else { continue };
+            // What has no answer may be in force.
+            let refused = matches!(error, Error::Refused { .. });
             let error = with_name(error, now);
-            for done in parts.iter().take(k).rev() {
+            for done in parts.iter().take(if refused { k } else { k + 1 }).rev() {
                 let before: Vec<_> = done
                     .iter()
                     .filter_map(|&(number, _)| {

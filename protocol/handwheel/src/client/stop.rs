@@ -10,9 +10,9 @@ use crate::number::Number;
 use crate::session::Personality;
 
 /// How long a stop waits for the shaft.
-pub(super) const STAND: Duration = Duration::from_secs(1);
+pub(crate) const STAND: Duration = Duration::from_secs(1);
 /// For how long a stop of everything is repeated while another host drives on.
-const REPEAT: Duration = Duration::from_secs(3);
+pub(crate) const REPEAT: Duration = Duration::from_secs(3);
 /// How a stop came out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stopped {

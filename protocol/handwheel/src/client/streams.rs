@@ -16,7 +16,7 @@ use crate::error::Error;
 use crate::session::{Event, Personality};
 
 /// How often the machine state is asked for anew, 255 times each.
-pub(super) const RENEW: Duration = Duration::from_secs(1);
+pub(crate) const RENEW: Duration = Duration::from_secs(1);
 /// After which silence a stream has ended.
 const SILENCE: Duration = Duration::from_secs(3);
 /// A CM-5 whose PC is silent says hello every 10 s.

@@ -227,6 +227,12 @@ impl Session {
         self.life = period.map(|period| (period, now + period));
     }
 
+    /// Takes back the exchange at this place of those that have no answer yet. If it was sent, its answer may
+    /// still come, and be taken for the next one's.
+    pub fn withdraw(&mut self, place: usize) {
+        self.exchanges.remove(place);
+    }
+
     /// Forgets what has not been answered or sent: something more urgent is to be said.
     pub fn forget(&mut self) {
         self.exchanges.clear();

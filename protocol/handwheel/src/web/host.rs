@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value, json};
+use serde_json::json;
 
 use super::panel::{PageId, Panel};
 use super::server::{World, say};
@@ -21,6 +21,8 @@ const TICK: Duration = Duration::from_millis(5);
 /// How often a line is opened anew, and the world told.
 const AGAIN: Duration = Duration::from_secs(1);
 const WORLD: Duration = Duration::from_millis(200);
+/// Messages of pages that are taken in one turn.
+const TURN: usize = 64;
 /// How long the end waits for what is being stopped.
 const END: Duration = Duration::from_secs(2);
 
@@ -63,7 +65,7 @@ pub(super) fn run(link: Link, world: Option<World>, calls: &Receiver<Call>, end:
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
-        calls.try_iter().for_each(|call| host.take(call));
+        calls.try_iter().take(TURN).for_each(|call| host.take(call));
         host.go_on();
     }
     host.end();
@@ -86,10 +88,7 @@ impl Host {
                 self.pages.remove(&page);
                 self.panel.close(page, now);
             }
-            Call::Said(page, text) => match self.of_the_world(&text) {
-                Some(answer) => self.say(page, answer.to_string()),
-                None => self.panel.hear(page, &text, now),
-            },
+            Call::Said(page, text) => self.panel.hear(page, &text, now),
         }
     }
 
@@ -98,9 +97,9 @@ impl Host {
         if self.pages.is_empty() {
             // What the last page drove is being stopped.
             if self.line.is_some() && self.panel.is_idle() {
-                self.panel.leave();
                 self.write();
                 self.line = None;
+                self.panel.link_is_gone("not connected".into());
             }
         } else if self.line.is_none() && now >= self.again {
             self.again = now + AGAIN;
@@ -115,7 +114,7 @@ impl Host {
         self.panel.advance(now);
         self.write();
         self.read();
-        self.tell_the_world(now);
+        self.ask_the_world(now);
         while let Some((page, text)) = self.panel.take_message() {
             self.say(page, text);
         }
@@ -131,8 +130,6 @@ impl Host {
             self.write();
             self.read();
         }
-        self.panel.leave();
-        self.write();
     }
 
     fn say(&mut self, page: PageId, text: String) {
@@ -171,34 +168,17 @@ impl Host {
         self.panel.link_is_gone(Error::Gone(self.link.to_string(), error).to_string());
     }
 
-    fn tell_the_world(&mut self, now: Duration) {
-        if let Some(world) =
-            self.world.as_ref().filter(|_| !self.pages.is_empty() && now >= self.told)
-        {
+    fn ask_the_world(&mut self, now: Duration) {
+        let Some(world) = &self.world else { return };
+        while let Some((asker, set)) = self.panel.take_world() {
+            self.panel.world_answers(asker, world(&json!({ "set": set })));
+            self.told = Duration::ZERO;
+        }
+        if !self.pages.is_empty() && now >= self.told {
             self.told = now + WORLD;
             if let Ok(state) = world(&json!({ "get": "state" })) {
-                let text = json!({ "tell": "world", "state": state }).to_string();
-                let pages: Vec<_> = self.pages.keys().copied().collect();
-                pages.into_iter().for_each(|page| self.say(page, text.clone()));
+                self.panel.tell_world(&state);
             }
         }
-    }
-
-    /// The answer to a message about the world, if it is one: the panel knows no world.
-    fn of_the_world(&mut self, text: &str) -> Option<Value> {
-        let object: Map<String, Value> = serde_json::from_str(text).ok()?;
-        if object.get("do").and_then(Value::as_str) != Some("world") {
-            return None;
-        }
-        let result = match (&self.world, object.get("set")) {
-            (None, _) => Err("only a virtual board has a world that can be changed".into()),
-            (Some(_), None) => Err("set: {KEY: VALUE, ...} is wanted".into()),
-            (Some(world), Some(set)) => world(&json!({ "set": set })),
-        };
-        self.told = Duration::ZERO;
-        Some(match result {
-            Ok(_) => json!({ "id": object.get("id"), "ok": null }),
-            Err(error) => json!({ "id": object.get("id"), "error": error }),
-        })
     }
 }

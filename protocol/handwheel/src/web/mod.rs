@@ -14,14 +14,14 @@
 //! messages are one JSON object each. Motors and servos are 1 to 6, counts those of a motor's sensor.
 //!
 //! ## What a page says
-//! `{"do": NAME, "id": N, ...}`. With an `id`, any number of the page's, it gets one answer: `{"id": N, "ok": VALUE}`
+//! `{"do": NAME, "id": N, ...}`. With an `id`, any whole number of the page's, it gets one answer: `{"id": N, "ok": VALUE}`
 //! or `{"id": N, "error": TEXT}`, one line that names what is wrong and what to do.
 //!
 //! | do | with | armed | |
 //! |---|---|---|---|
-//! | `stop` | | no | everything off, at once; ok `{"confirmed", "stands", "opposed"}` when that is known |
+//! | `stop` | | no | everything off, at once, and another page that is armed is disarmed; ok `{"confirmed", "stands", "opposed"}` when that is known |
 //! | `arm`, `disarm` | | no | takes the right to write, if no other page has it; gives it back, and what it drives is stopped |
-//! | `alive` | | | due every 50 ms from the page that is armed: after 250 ms without, what it drives is stopped |
+//! | `alive` | | | due every 50 ms from the page that is armed: after 250 ms without (3 s while it drives nothing) what it drives is stopped, and it is disarmed. Servos stay where they are |
 //! | `drive` | `motor`, one of `velocity` (counts/s), `position` (counts), `duty` (percent); `ms` of ramp, 0 | yes | motor runs until it is told otherwise; ok null when acknowledged |
 //! | `off` | `motor` | yes | stops this one |
 //! | `step` | `motor`, `velocity` or `position`, `ms`: how long, 2000 | yes | ok as [below](#a-step) when it is over; the motor is stopped then |
@@ -30,7 +30,7 @@
 //! | `lcd` | `image`: 2048 hex digits | yes | sixteen parts of 64 columns as DID 23 has them |
 //! | `zero` | `motor` | yes | its encoder's count becomes 0; the motor must be off |
 //! | `clear` | `motor`, or nothing: all | yes | clears what is latched of a motor; of the board only together with all |
-//! | `set` | `values`: `{NAME: NUMBER, ...}` | yes | settings in force, all or none, not saved |
+//! | `set` | `values`: `{NAME: NUMBER, ...}` | yes | settings in force, all or none (unless a stop interrupts it), not saved |
 //! | `save`, `reset` | | yes | saves what is in force; the defaults, saved. Only with all off |
 //! | `settings` | | no | reads all settings anew |
 //! | `backup` | | no | ok is the text of a file |
@@ -66,5 +66,5 @@ mod http;
 mod panel;
 mod server;
 
-pub use panel::{ALIVE, PageId, Panel};
+pub use panel::{ALIVE, Asker, PageId, Panel};
 pub use server::{Page, Serve, World, serve};

@@ -4,9 +4,7 @@ use std::io;
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{
-    Receiver, Sender, SyncSender, TryRecvError, TrySendError, channel, sync_channel,
-};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -25,7 +23,8 @@ use crate::link::Link;
 const MOST: usize = 32;
 /// The longest message of a page: a backup is some 20 KB.
 const LONGEST: usize = 1 << 18;
-/// Messages that may wait for a page; one that takes none is closed.
+/// Messages that may wait for a page, which is closed when it takes none, and for the board's thread, which lets
+/// pages wait.
 const QUEUE: usize = 512;
 /// How long a page's connection listens before it looks what there is to say, and how long one takes to write.
 const TICK: Duration = Duration::from_millis(5);
@@ -83,7 +82,7 @@ pub fn serve(serve: Serve, end: Arc<AtomicBool>) -> Result<Page, Error> {
         None => format!("http://{host}/"),
         Some(token) => format!("http://{host}/?token={token}"),
     };
-    let (calls, heard) = channel();
+    let (calls, heard) = sync_channel(QUEUE);
     let gate = Arc::new(Gate { names, token });
     let board = std::thread::spawn({
         let end = end.clone();
@@ -101,7 +100,7 @@ fn token() -> Result<String, Error> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-fn accept(listen: &TcpListener, gate: &Arc<Gate>, calls: &Sender<Call>, end: &Arc<AtomicBool>) {
+fn accept(listen: &TcpListener, gate: &Arc<Gate>, calls: &SyncSender<Call>, end: &Arc<AtomicBool>) {
     let open = Arc::new(AtomicUsize::new(0));
     let pages = Arc::new(AtomicU64::new(0));
     while !end.load(Ordering::Relaxed) {
@@ -126,7 +125,7 @@ fn accept(listen: &TcpListener, gate: &Arc<Gate>, calls: &Sender<Call>, end: &Ar
 fn connection(
     mut stream: TcpStream,
     gate: &Gate,
-    calls: &Sender<Call>,
+    calls: &SyncSender<Call>,
     pages: &AtomicU64,
     end: &AtomicBool,
 ) -> io::Result<()> {
@@ -156,7 +155,7 @@ fn connection(
 /// Carries messages both ways until one side ends.
 fn talk(
     stream: TcpStream,
-    calls: &Sender<Call>,
+    calls: &SyncSender<Call>,
     page: PageId,
     said: &Receiver<String>,
     end: &AtomicBool,

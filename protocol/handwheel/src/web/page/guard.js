@@ -64,7 +64,6 @@ function label() {
 /** This page is left: nothing waits for an answer. */
 function leave() {
   if (!armed.you && !isArming) return;
-  say("stop");
   say("disarm");
   isArming = false;
   tell("armed", { by: null, you: false });

@@ -3,15 +3,13 @@
 use std::num::NonZeroU8;
 use std::time::Duration;
 
-use protocol::arcos::{
-    ArmCommand, ArmStatus, Dialect, MotionBits, Packet, SYNC, Standard, StatusRequest, command,
-};
+use protocol::arcos::{ArmCommand, ArmStatus, Packet, SYNC, Standard, StatusRequest, command};
 use protocol::extension::{Counters, FaultRecord, Health, Identity, Refusals, Request};
 use protocol::pms5005::{Command, Repeat};
 
 use super::{Panel, Purpose};
 use crate::Number;
-use crate::client::{LINK_TIMEOUT, Setting};
+use crate::client::{LINK_TIMEOUT, RENEW, Setting, dialect};
 use crate::session::{Event, Failure, Personality, Reply};
 
 /// How often it is asked how it is, and an arm where its joints are.
@@ -19,8 +17,12 @@ const ASK: Duration = Duration::from_secs(1);
 const ASK_ARM: Duration = Duration::from_millis(200);
 /// How long an arm's line is listened to: a session that another host has open shows itself.
 const LISTEN: Duration = Duration::from_millis(300);
-/// How often the machine state is asked for anew, 255 times each.
-const RENEW: Duration = Duration::from_secs(1);
+/// For how long another host may ask an arm for nothing until it counts as silent.
+const GUEST: Duration = Duration::from_secs(2);
+/// Faults on record, with room for more.
+const MOST_FAULTS: usize = 64;
+/// An uptime that is near its end may wrap.
+const WRAPS: u32 = u32::MAX - 60_000;
 
 /// What was asked.
 pub(super) enum Asked {
@@ -40,6 +42,8 @@ pub(super) struct Board {
     pub(super) identity: Option<Identity>,
     /// It has told who it is, or that it does not.
     is_met: bool,
+    /// It is to be asked who it is.
+    asks_who: bool,
     is_slow: bool,
     /// In ms.
     pub(super) link_timeout: Option<i32>,
@@ -62,7 +66,7 @@ pub(super) struct Board {
 
 /// The session of ARCOS.
 struct Arm {
-    /// Since when it is known that it is an arm.
+    /// Since when it is known that it is an arm, or when it told its state last.
     since: Duration,
     /// Another host's: it is only listened to.
     is_guest: bool,
@@ -93,10 +97,19 @@ impl Board {
         self.due = now;
     }
 
+    /// Whether it has told who it is, or that it does not.
+    pub(super) fn is_met(&self) -> bool {
+        self.is_met
+    }
+
     /// What was asked has no answer.
     pub(super) fn was_interrupted(&mut self) {
         self.is_asked = false;
+        self.asks_who = !self.is_met;
         self.reading.clear();
+        if let Some(arm) = &mut self.arm {
+            arm.is_begun &= arm.is_open;
+        }
     }
 }
 
@@ -112,7 +125,7 @@ impl Panel {
         self.board.is_slow = self.link.is_slow();
         self.board.due = self.now + ASK / 2;
         match personality {
-            Personality::Pms5005 => self.ask(&Request::Identity, Purpose::Board(Asked::Identity)),
+            Personality::Pms5005 => self.board.asks_who = true,
             Personality::Arcos => {
                 let (is_guest, is_begun, is_open) = (false, false, false);
                 self.board.arm = Some(Arm { since: self.now, is_guest, is_begun, is_open });
@@ -156,6 +169,9 @@ impl Panel {
             self.session.send(&Command::Extension(Request::State(often)));
         }
         self.open_arm();
+        if std::mem::take(&mut self.board.asks_who) {
+            self.ask(&Request::Identity, Purpose::Board(Asked::Identity));
+        }
         if self.now < self.board.due || self.board.is_asked {
             return;
         }
@@ -191,7 +207,13 @@ impl Panel {
                 self.tell_board();
             }
             (Asked::LinkTimeout, Ok(Reply::Setting(setting))) => self.learn(&setting),
-            (Asked::Health, Ok(Reply::Health(health))) => self.board.health = Some(health),
+            (Asked::Health, Ok(Reply::Health(health))) => {
+                let before = self.board.health.replace(health).map_or(0, |h| h.uptime_ms);
+                if health.uptime_ms < before && before < WRAPS {
+                    // What is known of it is of its last life.
+                    self.listen("the board has started again".into());
+                }
+            }
             (Asked::Counters, Ok(Reply::Counters(told))) => self.board.counters = Some(told),
             (Asked::Refusals, result) => {
                 // The last of the round.
@@ -208,12 +230,12 @@ impl Panel {
                 }
             }
             (Asked::Fault, Ok(Reply::Fault(latched))) => match latched.record {
-                Some(record) => {
+                Some(record) if self.board.reading.len() < MOST_FAULTS => {
                     self.board.reading.push(record);
                     let next = u8::try_from(self.board.reading.len()).unwrap_or(u8::MAX);
                     self.ask(&Request::Fault(next), Purpose::Board(Asked::Fault));
                 }
-                None => {
+                _ => {
                     self.board.is_asked = false;
                     let faults = std::mem::take(&mut self.board.reading);
                     if faults != self.board.faults {
@@ -228,7 +250,7 @@ impl Panel {
                     && let Some(arm) = &mut self.board.arm
                 {
                     arm.is_open = true;
-                    self.ask(&Request::Identity, Purpose::Board(Asked::Identity));
+                    self.board.asks_who = true;
                 }
             }
             (Asked::Status, Ok(Reply::Packet(id, data))) => self.take_status(id, &data),
@@ -240,6 +262,7 @@ impl Panel {
     pub(super) fn learn(&mut self, setting: &Setting) {
         if setting.number == LINK_TIMEOUT {
             self.board.link_timeout = Some(setting.value);
+            self.live();
         }
     }
 
@@ -255,9 +278,15 @@ impl Panel {
         }
     }
 
-    /// Opens a session of ARCOS, unless another host has.
+    /// Opens a session of ARCOS, unless another host has; one whose host is silent is used. It is not closed
+    /// again: CLOSE would send the arm home.
     fn open_arm(&mut self) {
         let Some(arm) = &mut self.board.arm else { return };
+        if arm.is_guest && self.now >= arm.since + GUEST {
+            (arm.is_guest, arm.is_begun, arm.is_open) = (false, true, true);
+            self.board.asks_who = true;
+            return;
+        }
         if arm.is_guest || arm.is_begun || self.now < arm.since + LISTEN {
             return;
         }
@@ -267,14 +296,6 @@ impl Panel {
         for (packet, answer) in asked {
             let purpose = Purpose::Board(Asked::Sync);
             self.queue(purpose, |session, now| session.packet(&packet, Some(answer), now));
-        }
-    }
-
-    pub(super) fn close_arm(&mut self) {
-        if self.board.arm.as_ref().is_some_and(|arm| arm.is_open) {
-            let close = Packet { id: command::CLOSE, data: &[] };
-            // The link may be gone; then a session ends by silence.
-            let _ = self.session.packet(&close, None, self.now);
         }
     }
 
@@ -290,12 +311,11 @@ impl Panel {
     }
 
     fn take_status(&mut self, id: u8, data: &[u8]) {
-        let dialect = match self.settings.value_of("arm dialect") {
-            Some(1) => Dialect::Manual(MotionBits::ZeroToFive),
-            Some(2) => Dialect::Aria,
-            _ => Dialect::Manual(MotionBits::OneToSix),
-        };
+        let dialect = dialect(self.settings.value_of("arm dialect"));
         if let Some(status) = ArmStatus::parse(&Packet { id, data }, dialect) {
+            if let Some(arm) = &mut self.board.arm {
+                arm.since = self.now;
+            }
             self.arm_moves(status.moving != [false; 6]);
             self.tell_joints(&status);
         }

@@ -12,18 +12,22 @@
 
 mod board;
 mod motion;
+mod outputs;
 mod settings;
+mod stop;
 mod tell;
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use protocol::extension::Request;
+use protocol::extension::{Action, Request};
 use protocol::pms5005::Command;
 use serde_json::{Map, Value, json};
 
+use crate::Number;
 use crate::error::Error;
 use crate::link::Link;
+use crate::motion::target;
 use crate::session::{Event, Failure, Greeting, HEAR, Personality, Reply, Session};
 
 /// How long a page that drives may be silent; it speaks every 50 ms.
@@ -36,23 +40,32 @@ pub type PageId = u64;
 
 /// Who waits for an answer, and the number of the question, if it has one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Asker(PageId, Option<u64>);
+pub struct Asker(PageId, Option<u64>);
 
 /// What an exchange of the session is for; one each, in their order.
 enum Purpose {
     /// A page waits until it is done.
     Page(Asker, &'static str),
-    /// The same of a save, a reset.
-    Kept(Asker, &'static str),
-    Board(board::Asked),
-    Drive(crate::Number, Asker),
-    /// The acknowledged part of a stop of everything.
+    /// The same of a save, or a reset.
+    Keep(Asker, Action),
+    Servo(Asker),
+    /// A part of a picture; the last one's page waits.
+    Lcd(Option<Asker>),
+    /// A motion command, numbered; of a step nobody waits for it.
+    Drive(Number, u64, Option<Asker>),
+    /// The acknowledged part of a stop of everything, and of one motor.
     Stop,
-    /// That of one motor.
-    End(crate::Number),
-    ReadSetting,
+    End(Number),
+    Board(board::Asked),
+    /// Of this reading of all settings.
+    ReadSetting(u64),
     Change,
+    /// Nobody waits.
+    Quiet,
 }
+
+/// Exchanges that may wait; pages that ask for more are refused.
+const MOST: usize = 256;
 
 /// See the [module](self).
 pub struct Panel {
@@ -68,6 +81,8 @@ pub struct Panel {
     now: Duration,
     pages: Vec<(PageId, String)>,
     messages: VecDeque<(PageId, String)>,
+    /// What pages ask the world.
+    world: VecDeque<(Asker, Value)>,
     purposes: VecDeque<Purpose>,
     board: board::Board,
     motion: motion::Motion,
@@ -89,6 +104,7 @@ impl Panel {
             now: Duration::ZERO,
             pages: Vec::new(),
             messages: VecDeque::new(),
+            world: VecDeque::new(),
             purposes: VecDeque::new(),
             board: board::Board::default(),
             motion: motion::Motion::default(),
@@ -97,10 +113,26 @@ impl Panel {
         }
     }
 
-    /// The link was opened, or is still that of a board that has fallen silent: it is listened to anew.
+    /// The link was opened.
     pub fn link_is_open(&mut self, now: Duration) {
         self.now = now;
-        self.lose("nobody has spoken yet".into());
+        self.listen("nobody has spoken yet".into());
+    }
+
+    /// Listens anew: to a link that was opened, or of a board that has fallen silent or started again.
+    fn listen(&mut self, why: String) {
+        let ours = self.motion.all_of_ours();
+        let was_stopping = self.motion.stop.is_some();
+        self.lose(why);
+        // It may hear, though it is not heard.
+        if was_stopping {
+            self.send_stop();
+        }
+        for motor in ours {
+            self.session.send(&target::neutral(motor));
+            self.session.send(&target::suspend(motor));
+        }
+        let now = self.now;
         self.greeting = Some(Greeting::new(matches!(self.link, Link::Udp(_)), now));
         (self.opened, self.heard) = (now, now);
     }
@@ -129,6 +161,9 @@ impl Panel {
     /// A page's message.
     pub fn hear(&mut self, page: PageId, text: &str, now: Duration) {
         self.now = now;
+        if !self.pages.iter().any(|(id, _)| *id == page) {
+            return;
+        }
         let asked = serde_json::from_str(text)
             .map_err(|error| (None, format!("no JSON object: {error}")))
             .and_then(|object: Map<String, Value>| {
@@ -152,6 +187,14 @@ impl Panel {
                 self.disarm_if(asker.0, "its page was disarmed");
                 self.answer(asker, Ok(Value::Null));
             }
+            "world" => {
+                let set = object.get("set").filter(|set| set.is_object());
+                let set = set.ok_or("set: {KEY: VALUE, ...} is wanted")?;
+                if !self.is_virtual {
+                    return Err("only a virtual board has a world that can be changed".into());
+                }
+                self.world.push_back((asker, set.clone()));
+            }
             "settings" | "backup" | "diff" => {
                 self.needs_a_board()?;
                 self.read_of_settings(what, asker, object)?;
@@ -159,6 +202,9 @@ impl Panel {
             _ => {
                 self.needs_a_board()?;
                 self.needs_armed(asker.0)?;
+                if self.purposes.len() > MOST {
+                    return Err("too much at once: wait for the answers".into());
+                }
                 match what {
                     "set" | "save" | "reset" | "restore" => {
                         self.change_settings(what, asker, object)?;
@@ -191,8 +237,7 @@ impl Panel {
                 self.not_there(Error::nobody(&self.link, self.session.received()).to_string());
             }
         } else if self.is_connected() && now >= self.heard + SILENCE {
-            self.link_is_open(now);
-            self.not_there(format!("{}: the board says nothing any more", self.link));
+            self.listen(format!("{}: the board says nothing any more", self.link));
         }
         self.session.advance(now);
         self.take_events();
@@ -214,10 +259,19 @@ impl Panel {
         self.messages.pop_front()
     }
 
-    /// The last page has gone: what was begun is ended, as a session of ARCOS.
-    pub fn leave(&mut self) {
-        self.close_arm();
-        self.lose("not connected".into());
+    /// What pages want of the world: who, and what is to be set.
+    pub fn take_world(&mut self) -> Option<(Asker, Value)> {
+        self.world.pop_front()
+    }
+
+    /// What came of that.
+    pub fn world_answers(&mut self, asker: Asker, result: Result<Value, String>) {
+        self.answer(asker, result.map(|_| Value::Null));
+    }
+
+    /// The world around a virtual board, for all pages.
+    pub fn tell_world(&mut self, state: &Value) {
+        self.tell(&json!({ "tell": "world", "state": state }));
     }
 
     /// Whether a board is there.
@@ -227,7 +281,8 @@ impl Panel {
 
     /// Whether nothing is under way that a line is needed for.
     pub fn is_idle(&self) -> bool {
-        !self.is_connected() || self.motion.is_at_rest()
+        !self.is_connected()
+            || self.motion.is_at_rest() && self.purposes.is_empty() && !self.settings.is_changing()
     }
 
     fn not_there(&mut self, why: String) {
@@ -240,13 +295,18 @@ impl Panel {
     /// Nothing is known of a board any more.
     fn lose(&mut self, why: String) {
         self.forget("the board is gone");
+        self.lose_motion(&why);
         self.session = Session::new();
         self.board = board::Board::default();
         self.settings = settings::Tuning::default();
+        self.tells.forget();
         let was_armed = self.motion.armed_page().is_some();
         self.motion = motion::Motion::default();
         self.why = None;
         self.not_there(why);
+        self.tell_faults();
+        self.tell_settings();
+        self.tell_outputs();
         if was_armed {
             self.tell_armed();
             self.note("the board was gone: disarmed");
@@ -256,8 +316,8 @@ impl Panel {
     fn take_events(&mut self) {
         while let Some(event) = self.session.take_event() {
             match event {
-                Event::Answered(reply) => self.settle(Ok(reply)),
-                Event::Failed(failure) => self.settle(Err(failure)),
+                Event::Answered(reply) => self.settle_next(Ok(reply)),
+                Event::Failed(failure) => self.settle_next(Err(failure)),
                 Event::Heard(personality) => self.meet(personality),
                 other => self.take_news(&other),
             }
@@ -265,53 +325,74 @@ impl Panel {
     }
 
     /// What came of the oldest exchange.
-    fn settle(&mut self, result: Result<Reply, Failure>) {
-        let Some(purpose) = self.purposes.pop_front() else { return };
+    fn settle_next(&mut self, result: Result<Reply, Failure>) {
+        if let Some(purpose) = self.purposes.pop_front() {
+            self.settle(purpose, result);
+        }
+    }
+
+    fn settle(&mut self, purpose: Purpose, result: Result<Reply, Failure>) {
         let personality = self.personality();
-        let error = |failure, what| Error::of(failure, personality, what).to_string();
+        let done = |result: Result<Reply, Failure>, what| {
+            result.map(drop).map_err(|failure| Error::of(failure, personality, what))
+        };
+        let said = |result: Result<(), Error>| {
+            result.map(|()| Value::Null).map_err(|error| error.to_string())
+        };
         match purpose {
-            Purpose::Page(asker, what) => {
-                let result = result.map(|_| Value::Null).map_err(|failure| error(failure, what));
-                self.answer(asker, result);
-            }
-            Purpose::Kept(asker, what) => {
-                let result = result.map(|_| Value::Null).map_err(|failure| error(failure, what));
+            Purpose::Page(asker, what) => self.answer(asker, said(done(result, what))),
+            Purpose::Servo(asker) => self.answer(asker, said(done(result, "servos"))),
+            Purpose::Keep(asker, action) => {
+                let result = done(result, "a save of its settings");
                 if result.is_ok() {
-                    self.was_kept(what);
+                    self.was_kept(action);
                 }
-                self.answer(asker, result);
+                self.answer(asker, said(result));
             }
-            Purpose::Drive(motor, asker) => {
-                self.driven(
-                    motor,
-                    asker,
-                    result.map(drop).map_err(|f| error(f, "a motion command")),
-                );
+            Purpose::Lcd(asker) => {
+                self.lcd_is_heard(asker, done(result, "LCD").map_err(|e| e.to_string()));
             }
-            Purpose::Stop => self.stop_is_heard(result.map(drop).map_err(|f| error(f, "a stop"))),
-            Purpose::End(motor) => {
-                self.end_is_heard(motor, result.map(drop).map_err(|f| error(f, "a stop")));
+            Purpose::Drive(motor, command, asker) => {
+                self.driven(motor, command, asker, done(result, "a motion command"));
             }
+            Purpose::Stop => self.stop_is_heard(done(result, "a stop")),
+            Purpose::End(motor) => self.end_is_heard(motor, done(result, "a stop")),
             Purpose::Board(asked) => self.board_tells(asked, result),
-            Purpose::ReadSetting => self.setting_is_read(result),
+            Purpose::ReadSetting(reading) => self.setting_is_read(reading, result),
             Purpose::Change => self.change_goes_on(result),
+            Purpose::Quiet => {}
         }
     }
 
     /// Drops what has not been answered or sent; who waits for it is told why.
     fn forget(&mut self, why: &str) {
         self.session.forget();
-        let told = |panel: &mut Self, asker| panel.answer(asker, Err(format!("not done: {why}")));
         for purpose in std::mem::take(&mut self.purposes) {
-            match purpose {
-                Purpose::Page(asker, _) | Purpose::Kept(asker, _) | Purpose::Drive(_, asker) => {
-                    told(self, asker);
-                }
-                _ => {}
-            }
+            self.tell_dropped(&purpose, why);
         }
         self.settings_were_interrupted(why);
         self.board.was_interrupted();
+    }
+
+    /// Drops what these are for, and tells who waits why.
+    fn withdraw(&mut self, which: impl Fn(&Purpose) -> bool, why: &str) {
+        while let Some(place) = self.purposes.iter().position(&which) {
+            self.session.withdraw(place);
+            if let Some(purpose) = self.purposes.remove(place) {
+                self.tell_dropped(&purpose, why);
+            }
+        }
+    }
+
+    fn tell_dropped(&mut self, purpose: &Purpose, why: &str) {
+        if let Purpose::Page(asker, _)
+        | Purpose::Keep(asker, _)
+        | Purpose::Servo(asker)
+        | Purpose::Lcd(Some(asker))
+        | Purpose::Drive(_, _, Some(asker)) = purpose
+        {
+            self.answer(*asker, Err(format!("not done: {why}")));
+        }
     }
 
     fn ask(&mut self, request: &Request<'_>, purpose: Purpose) {
@@ -327,13 +408,10 @@ impl Panel {
         purpose: Purpose,
         begin: impl FnOnce(&mut Session, Duration) -> Result<(), Failure>,
     ) {
-        // What the line does not carry fails when those before it are settled.
+        // What the line does not carry has failed before anything was sent.
         match begin(&mut self.session, self.now) {
             Ok(()) => self.purposes.push_back(purpose),
-            Err(failure) => {
-                self.purposes.push_front(purpose);
-                self.settle(Err(failure));
-            }
+            Err(failure) => self.settle(purpose, Err(failure)),
         }
     }
 
@@ -351,6 +429,10 @@ impl Panel {
     fn page_name(&self, page: PageId) -> String {
         let found = self.pages.iter().find(|(id, _)| *id == page);
         found.map_or_else(|| format!("page {page}"), |(_, name)| name.clone())
+    }
+
+    fn answer_all(&mut self, askers: Vec<Asker>, result: &Result<Value, String>) {
+        askers.into_iter().for_each(|asker| self.answer(asker, result.clone()));
     }
 
     fn answer(&mut self, asker: Asker, result: Result<Value, String>) {
@@ -390,10 +472,21 @@ fn number(object: &Map<String, Value>, key: &str, low: i64, high: i64) -> Result
 }
 
 /// The motor or the servo of a message.
-fn member(object: &Map<String, Value>, key: &str) -> Result<crate::Number, String> {
+fn member(object: &Map<String, Value>, key: &str) -> Result<Number, String> {
     let number = number(object, key, 1, 6)?;
-    let number = u8::try_from(number).ok().and_then(crate::Number::new);
+    let number = u8::try_from(number).ok().and_then(Number::new);
     number.ok_or_else(|| format!("{key}: 1 to 6"))
+}
+
+/// A time of an object, 0 without one.
+fn ms(object: &Map<String, Value>, key: &str, low: i64, high: i64) -> Result<Duration, String> {
+    match object.get(key) {
+        None | Some(Value::Null) => Ok(Duration::ZERO),
+        Some(_) => {
+            let ms = number(object, key, low, high)?;
+            Ok(Duration::from_millis(ms.unsigned_abs()))
+        }
+    }
 }
 
 /// A text of an object.

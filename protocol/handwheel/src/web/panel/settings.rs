@@ -17,11 +17,19 @@ use crate::session::{Failure, Reply, Setting};
 pub(super) struct Tuning {
     /// All of them, once they were read.
     list: Settings,
-    /// While they are read: those so far, and whether a question is under way.
-    reading: Option<(Settings, bool)>,
+    /// While they are read.
+    reading: Option<Reading>,
+    readings: u64,
     /// Something was set since the last save.
     pub(super) unsaved: bool,
     change: Option<Change>,
+}
+
+/// A reading of all of them, numbered: those so far, and whether a question is under way.
+struct Reading {
+    number: u64,
+    list: Settings,
+    is_asked: bool,
 }
 
 /// A change that is under way, all or none.
@@ -33,8 +41,10 @@ struct Change {
     current: Option<Step>,
     /// What puts back what is done so far.
     undo: Vec<Vec<(u16, i32)>>,
-    /// What the settings are to be.
+    /// What the settings are to be, and what they were.
     wanted: Vec<(u16, i32)>,
+    before: Vec<(u16, i32)>,
+    was_unsaved: bool,
     /// Why it is being undone.
     failed: Option<String>,
 }
@@ -56,6 +66,11 @@ impl Tuning {
         find(&self.list, name).ok().map(|setting| setting.value)
     }
 
+    /// Whether some are being set.
+    pub(super) fn is_changing(&self) -> bool {
+        self.change.is_some()
+    }
+
     fn put(&mut self, setting: Setting) {
         if let Some(known) = self.list.iter_mut().find(|known| known.number == setting.number) {
             *known = setting;
@@ -66,7 +81,9 @@ impl Tuning {
 impl Panel {
     /// Begins to read all of them.
     pub(super) fn read_settings(&mut self) {
-        self.settings.reading = Some((Settings::new(), false));
+        self.settings.readings += 1;
+        let number = self.settings.readings;
+        self.settings.reading = Some(Reading { number, list: Settings::new(), is_asked: false });
     }
 
     pub(super) fn read_of_settings(
@@ -101,11 +118,11 @@ impl Panel {
         match what {
             "save" => {
                 let save = Request::Do(Action::Save);
-                self.ask(&save, Purpose::Kept(asker, "a save of its settings"));
+                self.ask(&save, Purpose::Keep(asker, Action::Save));
             }
             "reset" => {
                 let reset = Request::Do(Action::FactoryReset);
-                self.ask(&reset, Purpose::Kept(asker, RESET));
+                self.ask(&reset, Purpose::Keep(asker, Action::FactoryReset));
             }
             "restore" => {
                 let plan = self.plan(object)?;
@@ -166,6 +183,12 @@ impl Panel {
         wanted: Vec<(u16, i32)>,
         is_saved: bool,
     ) -> Result<(), String> {
+        let value = |(number, _): &(u16, i32)| {
+            let known = self.settings.list.iter().find(|setting| setting.number == *number)?;
+            Some((*number, known.value))
+        };
+        let before = wanted.iter().filter_map(value).collect();
+        let was_unsaved = self.settings.unsaved;
         let assigned = parts(&wanted, most(self.personality())).into_iter().map(Step::Assign);
         let read = wanted.iter().map(|(number, _)| Step::Read(*number));
         let save = is_saved.then_some(Step::Save);
@@ -176,6 +199,8 @@ impl Panel {
             current: None,
             undo: Vec::new(),
             wanted,
+            before,
+            was_unsaved,
             failed: None,
         });
         self.next_of_change();
@@ -189,13 +214,19 @@ impl Panel {
             None => self.end_change(None),
             Some(Step::Read(number)) => self.ask(&Request::Setting(number), Purpose::Change),
             Some(Step::Save) => self.ask(&Request::Do(Action::Save), Purpose::Change),
-            Some(Step::Assign(values)) => match assignments(&values) {
-                Ok(data) => match Assignments::parse(&data) {
-                    Ok(parsed) => self.ask(&Request::Set(parsed), Purpose::Change),
-                    Err(verdict) => self.undo_change(verdict.to_string()),
-                },
-                Err(error) => self.undo_change(error.to_string()),
-            },
+            Some(Step::Assign(values)) => {
+                // Without an answer it may be in force all the same.
+                let is_of = |(number, _): &&(u16, i32)| values.iter().any(|(of, _)| of == number);
+                change.undo.push(change.before.iter().filter(is_of).copied().collect());
+                self.settings.unsaved = true;
+                match assignments(&values) {
+                    Ok(data) => match Assignments::parse(&data) {
+                        Ok(parsed) => self.ask(&Request::Set(parsed), Purpose::Change),
+                        Err(verdict) => self.undo_change(verdict.to_string()),
+                    },
+                    Err(error) => self.undo_change(error.to_string()),
+                }
+            }
         }
     }
 
@@ -203,33 +234,27 @@ impl Panel {
         let personality = self.personality();
         let Some(change) = &mut self.settings.change else { return };
         match (change.current.take(), result) {
-            (_, Err(failure)) => {
+            (step, Err(failure)) => {
+                if matches!((&step, failure), (Some(Step::Assign(_)), Failure::Refused(..))) {
+                    change.undo.pop();
+                }
                 let error = Error::of(failure, personality, "settings");
                 let error = with_name(error, &self.settings.list).to_string();
                 return self.undo_change(error);
             }
-            (Some(Step::Assign(values)), Ok(_)) => {
-                let old = |(number, _): &(u16, i32)| {
-                    self.settings
-                        .list
-                        .iter()
-                        .find(|s| s.number == *number)
-                        .map(|s| (*number, s.value))
-                };
-                change.undo.push(values.iter().filter_map(old).collect());
-                self.settings.unsaved = true;
-            }
             (Some(Step::Read(number)), Ok(Reply::Setting(setting))) => {
-                let wanted = change.wanted.iter().find(|(wanted, _)| *wanted == number);
+                let is_undone = change.failed.is_some();
+                let list = if is_undone { &change.before } else { &change.wanted };
+                let wanted = list.iter().find(|(wanted, _)| *wanted == number);
                 let differs = wanted.is_some_and(|(_, value)| *value != setting.value);
-                let (is_undone, name) = (change.failed.is_some(), setting.name.clone());
+                let name = setting.name.clone();
                 self.learn(&setting);
-                if differs && !is_undone {
+                self.settings.put(setting);
+                if differs {
                     return self.undo_change(format!(
                         "{name}: the board has another value than it was given; another host may set settings"
                     ));
                 }
-                self.settings.put(setting);
             }
             (Some(Step::Save), Ok(_)) => self.settings.unsaved = false,
             _ => {}
@@ -257,6 +282,9 @@ impl Panel {
 
     fn end_change(&mut self, error: Option<String>) {
         let Some(change) = self.settings.change.take() else { return };
+        if error.is_none() && change.failed.is_some() {
+            self.settings.unsaved = change.was_unsaved;
+        }
         let undone = change.failed.map(|why| format!("{why}; the settings are as before"));
         let result = error.or(undone).map_or(Ok(change.ok), Err);
         self.answer(change.asker, result);
@@ -265,20 +293,21 @@ impl Panel {
 
     /// A stop came first, or the board is gone.
     pub(super) fn settings_were_interrupted(&mut self, why: &str) {
-        if let Some((_, is_asked)) = &mut self.settings.reading {
-            *is_asked = false;
+        if let Some(reading) = &mut self.settings.reading {
+            reading.is_asked = false;
         }
         if let Some(change) = self.settings.change.take() {
-            let error = format!("interrupted, as {why}: some may be set, and none is saved");
+            let error =
+                format!("interrupted, as {why}: some may be set or saved, see what is in force");
             self.answer(change.asker, Err(error));
             self.read_settings();
         }
     }
 
     /// A save or a reset is done.
-    pub(super) fn was_kept(&mut self, what: &str) {
+    pub(super) fn was_kept(&mut self, action: Action) {
         self.settings.unsaved = false;
-        if what == RESET {
+        if action == Action::FactoryReset {
             self.read_settings();
         } else {
             self.tell_settings();
@@ -287,35 +316,37 @@ impl Panel {
 
     /// Reads on.
     pub(super) fn advance_settings(&mut self) {
-        let Some((list, is_asked)) = &mut self.settings.reading else { return };
-        if *is_asked || self.settings.change.is_some() {
+        let Some(reading) = &mut self.settings.reading else { return };
+        if reading.is_asked || self.settings.change.is_some() {
             return;
         }
-        let next = match list.last() {
+        let next = match reading.list.last() {
             None => Some(0),
             // A list that does not rise would have no end.
             Some(last) => last.next.filter(|&next| next > last.number),
         };
         match next {
             Some(number) => {
-                *is_asked = true;
-                self.ask(&Request::Setting(number), Purpose::ReadSetting);
+                reading.is_asked = true;
+                let purpose = Purpose::ReadSetting(reading.number);
+                self.ask(&Request::Setting(number), purpose);
             }
             None => {
-                if let Some((list, _)) = self.settings.reading.take() {
-                    self.settings.list = list;
+                if let Some(reading) = self.settings.reading.take() {
+                    self.settings.list = reading.list;
                     self.tell_settings();
                 }
             }
         }
     }
 
-    pub(super) fn setting_is_read(&mut self, result: Result<Reply, Failure>) {
-        let Some((list, is_asked)) = &mut self.settings.reading else { return };
+    pub(super) fn setting_is_read(&mut self, of: u64, result: Result<Reply, Failure>) {
+        let reading = self.settings.reading.as_mut().filter(|reading| reading.number == of);
+        let Some(reading) = reading else { return };
         match result {
             Ok(Reply::Setting(setting)) => {
-                *is_asked = false;
-                list.push(setting.clone());
+                reading.is_asked = false;
+                reading.list.push(setting.clone());
                 self.learn(&setting);
             }
             _ => {
@@ -325,9 +356,6 @@ impl Panel {
         }
     }
 }
-
-/// What a factory reset is called in an error.
-const RESET: &str = "a factory reset";
 
 /// What a file would change.
 fn told(plan: &Plan) -> Value {

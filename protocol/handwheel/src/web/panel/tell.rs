@@ -17,6 +17,9 @@ use crate::words;
 /// The least time between two messages of sensors.
 const SENSORS: Duration = Duration::from_millis(100);
 
+/// The same of states, which come every 20 ms unless the board is told otherwise.
+const STATE: Duration = Duration::from_millis(18);
+
 /// What was told last, for pages that come later.
 #[derive(Default)]
 pub(super) struct Tells {
@@ -31,6 +34,17 @@ pub(super) struct Tells {
     /// What pages have set.
     pub(super) gpio: Option<u8>,
     pub(super) lcd: Option<String>,
+    /// What went wrong first with the picture that is being sent.
+    pub(super) lcd_error: Option<String>,
+    /// When a state is told next.
+    state_due: Duration,
+}
+
+impl Tells {
+    /// The board is gone; its time goes on.
+    pub(super) fn forget(&mut self) {
+        *self = Self { uptime: std::mem::take(&mut self.uptime), ..Self::default() };
+    }
 }
 
 impl Panel {
@@ -122,6 +136,10 @@ impl Panel {
     pub(super) fn tell_state(&mut self, state: &MachineState) {
         self.tells.state = Some(*state);
         let ms = self.tells.uptime.unwrap(state.time_ms);
+        if self.now < self.tells.state_due {
+            return;
+        }
+        self.tells.state_due = self.now + STATE;
         let motors: Vec<_> = Number::all()
             .map(|motor| {
                 let channel = &state.channels[motor.index()];
