@@ -15,15 +15,12 @@ fn main() {
         }
         // Two of different chips do not come so far: embassy's own script refuses them
         // ("Multiple stm32xx Cargo features enabled").
-        let boards = std::env::vars()
-            .filter(|(name, _)| {
-                name.starts_with("CARGO_FEATURE_BOARD_") || name == "CARGO_FEATURE_QEMU"
-            })
-            .count();
+        let boards =
+            std::env::vars().filter(|(name, _)| name.starts_with("CARGO_FEATURE_BOARD_")).count();
         if boards != 1 && !variable("CARGO_FEATURE_STM32F4").is_empty() {
             println!(
-                "cargo::error=choose exactly one board, not {boards}: --features board-f407, \
-                 board-f446, ... or qemu (firmware/src/board/README.md)"
+                "cargo::error=choose exactly one board, not {boards}: --features board-f407 or \
+                 board-f446 (firmware/src/board/README.md)"
             );
         }
     }

@@ -21,7 +21,7 @@
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
-//! - `tests/qemu/`: the images in QEMU;
+//! - `tests/qemu/`: the virtual board as an image, in QEMU;
 //! - `cost/`: a crate of its own, what the code costs in instructions;
 //! - `chip/`: a workspace of its own, the images that are flashed on a modelled chip (`.ci/chip`).
 

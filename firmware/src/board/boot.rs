@@ -4,8 +4,6 @@
 //! rely on it.
 
 use super::fault;
-#[cfg(feature = "qemu")]
-use super::systick;
 use crate::ports::ResetCause;
 use embassy_stm32::rcc::{self, Hse};
 use embassy_stm32::{Peripherals, pac};
@@ -35,10 +33,6 @@ pub fn clocks(hse: Hse) -> Peripherals {
     speed_up_flash();
     // embassy's clock stands still with the core that a debugger halts: no period is missed then.
     pac::DBGMCU.apb1fzr().modify(|w| w.set_tim5(true));
-    #[cfg(feature = "qemu")]
-    if let Some(core) = cortex_m::Peripherals::take() {
-        systick::start(core.SYST);
-    }
     peripherals
 }
 

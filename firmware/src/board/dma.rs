@@ -49,7 +49,6 @@ impl Stream {
     }
 
     /// Whether the stream has come to its buffer's end since the flags were last cleared.
-    #[cfg(not(feature = "qemu"))] // for the host's line, which is without DMA there
     pub fn came_round(self) -> bool {
         self.dma.isr(self.number / 4).read().tcif(self.number % 4)
     }
@@ -89,7 +88,7 @@ impl Round {
         let stream = self.stream.dma.st(self.stream.number);
         stream.cr().write(|_| {});
         // The stream ends its current item first (RM0090 10.3.17): a few bus cycles. The bound is
-        // for QEMU and for broken silicon.
+        // for broken silicon.
         for _ in 0..1000 {
             if !stream.cr().read().en() {
                 break;

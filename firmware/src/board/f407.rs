@@ -29,7 +29,7 @@ use embassy_stm32::rcc::{Hse, HseMode};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
-use embassy_stm32::{bind_interrupts, dma, pac};
+use embassy_stm32::{bind_interrupts, dma, pac, usart};
 
 use super::analog::{self, Addresses};
 use super::bus::Bus;
@@ -76,7 +76,7 @@ bind_interrupts!(pub(super) struct Irqs {
     EXTI4 => exti::InterruptHandler<typelevel::EXTI4>;
     EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
     EXTI15_10 => RemoteEdge<13>, exti::InterruptHandler<typelevel::EXTI15_10>;
-    USART2 => line::InterruptHandler<USART2>;
+    USART2 => usart::InterruptHandler<USART2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
 });

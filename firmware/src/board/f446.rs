@@ -1,6 +1,6 @@
 //! NUCLEO-F446RE (STM32F446RE, LQFP64): who owns which pin, timer and stream.
 //!
-//! **Compiled only**: it has run on no silicon, and QEMU has no machine for it.
+//! It has run on no silicon; on a modelled F407 as far as the two chips are alike (README.md).
 //!
 //! | what | with | of the PMS5005's |
 //! |---|---|---|
@@ -35,7 +35,7 @@ use embassy_stm32::rcc::{Hse, HseMode};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
-use embassy_stm32::{bind_interrupts, dma, pac};
+use embassy_stm32::{bind_interrupts, dma, pac, usart};
 
 use super::analog::{self, Addresses};
 use super::bus::Bus;
@@ -82,7 +82,7 @@ bind_interrupts!(pub(super) struct Irqs {
     EXTI2 => RemoteEdge<2>, exti::InterruptHandler<typelevel::EXTI2>;
     EXTI9_5 => exti::InterruptHandler<typelevel::EXTI9_5>;
     EXTI15_10 => exti::InterruptHandler<typelevel::EXTI15_10>;
-    USART2 => line::InterruptHandler<USART2>;
+    USART2 => usart::InterruptHandler<USART2>;
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
 });

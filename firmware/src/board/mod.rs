@@ -19,7 +19,6 @@
 //! | [`sensing`] | ultrasonic rangers, infrared remote, the slow sensors' port |
 //! | [`ssd1306`] | the display |
 //! | `fault` | panic and hard fault: outputs safe first |
-//! | `systick` | the clock under QEMU, whose timers cannot compare |
 //!
 //! Promise: whatever happens, [`safe_state`] disables every bridge, ends every servo pulse and
 //! lowers every output; it needs no stack to speak of and no initialisation.
@@ -29,8 +28,6 @@
 mod boot;
 mod dma;
 mod fault;
-#[cfg(feature = "qemu")]
-mod systick;
 
 pub mod analog;
 pub mod bus;
@@ -113,7 +110,7 @@ macro_rules! display {
     };
 }
 
-#[cfg_attr(any(feature = "board-f407", feature = "qemu"), path = "f407.rs")]
+#[cfg_attr(feature = "board-f407", path = "f407.rs")]
 #[cfg_attr(feature = "board-f446", path = "f446.rs")]
 mod selected;
 

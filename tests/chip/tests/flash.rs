@@ -2,12 +2,14 @@
 //! one before.
 
 use chip::bench::Make;
-use chip::bench::pms5005::Host;
+use chip::bench::pms5005::{Heard, Host};
 use chip::bench::world::F407;
-use protocol::extension::{Action, Fault, Origin, ResetCause, Verdict};
+use firmware::settings::Settings;
+use protocol::extension::{Action, Answer, Fault, Origin, Request, ResetCause, Verdict};
 use protocol::pms5005::{Command, Quantity, Scope};
 use rigless::device::Level;
 use rigless::soc::Width;
+use rigless::soc::stm32f427::generated::iwdg;
 
 const IMAGE: &str = "pms5005-f407";
 /// Numbers of settings: the silence allowed and telemetry's period, in ms.
@@ -15,6 +17,9 @@ const LINK_TIMEOUT: u16 = 1;
 const PERIOD: u16 = 32;
 /// The settings' sectors, and the words before and behind them: the vectors and the program.
 const SETTINGS: std::ops::Range<u64> = 0x0800_4000..0x0801_0000;
+/// Bytes of each of those sectors.
+const SECTOR: u64 = 0x4000;
+const BLANK: u64 = 0xFFFF_FFFF;
 /// The stack, and what is in it where nobody has been.
 const STACK: std::ops::Range<u64> = 0x2000_0000..0x2000_4000;
 const PAINT: u64 = 0x5AFE_57AC;
@@ -37,6 +42,49 @@ fn resets(host: &Host) -> usize {
     host.bench.with(|stand| stand.session.resets().len())
 }
 
+/// The watchdog's prescaler and reload: 205 counts of the LSI divided by 8 are 96.5 ms of the slowest.
+const USUAL: (u64, u64) = (1, 204);
+/// While the flash erases.
+const LENGTHENED: (u64, u64) = (1, 4095);
+
+fn watchdog(host: &Host) -> (u64, u64) {
+    host.bench.with(|stand| {
+        let chip = &stand.rig().chip;
+        let register = |register| chip.register("IWDG", register);
+        (register(iwdg::Register::Pr), register(iwdg::Register::Rlr))
+    })
+}
+
+/// What came of a request, if the frame tells it.
+fn verdict(frame: &Heard) -> Option<Verdict> {
+    match frame.answer() {
+        Some(Answer::Outcome(outcome)) => Some(outcome.verdict),
+        _ => None,
+    }
+}
+
+/// Whether the flash is at more than a word, which takes 16 us.
+fn is_erasing(host: &Host) -> bool {
+    host.bench.with(|stand| stand.rig().chip.flash.busy_until > stand.now.0 + 100_000)
+}
+
+/// Saves. The watchdog as it was while a sector was erased, if one was.
+fn save(host: &mut Host) -> Option<(u64, u64)> {
+    let mut erasing = None;
+    host.send(Command::Extension(Request::Do(Action::Save)));
+    for _ in 0..1000 {
+        host.run_for(1);
+        if is_erasing(host) {
+            erasing = Some(watchdog(host));
+        }
+        if let Some(verdict) = host.heard().iter().find_map(verdict) {
+            assert_eq!(verdict, Verdict::Done);
+            return erasing;
+        }
+    }
+    panic!("not saved within a second");
+}
+
 fn is_enabled(host: &Host) -> bool {
     let (port, pin) = F407.enables[0];
     host.bench.with(move |stand| stand.rig().chip.level(port, pin)) == Level::High
@@ -46,18 +94,26 @@ fn is_enabled(host: &Host) -> bool {
 fn a_saved_setting_is_in_force_after_a_restart_and_nothing_else_of_the_flash_has_changed() {
     let mut host = Host::boot(IMAGE);
     let around = |host: &Host| {
-        let vectors = words_of(host, SETTINGS.start - 0x4000..SETTINGS.start);
+        let vectors = words_of(host, SETTINGS.start - SECTOR..SETTINGS.start);
         [vectors, words_of(host, SETTINGS.end..0x0810_0000)]
     };
     let before = around(&host);
     let identity = host.identity();
     assert_eq!((identity.reset, identity.settings), (ResetCause::Power, Origin::Defaults));
+    assert_eq!((host.value(PERIOD), host.faults()), (50, vec![]));
     host.set(PERIOD, 100);
     host.set(LINK_TIMEOUT, 300);
     assert_eq!(host.act(Action::Save), Verdict::Done);
     let (words, _) = work(&host);
-    assert!((10..2000).contains(&words), "{words} words were programmed");
-    assert!(words_of(&host, SETTINGS).iter().any(|&word| word != 0xFFFF_FFFF));
+    // Number and value of every setting, five bytes before them, and what the map puts around it; each
+    // word once, in the first sector.
+    let record = (5 + 6 * Settings::DEFAULT.iter().count() as u64).div_ceil(4);
+    assert!((record + 1..record + 14).contains(&words), "{words} words were programmed");
+    let settings = words_of(&host, SETTINGS);
+    let (first, others) = settings.split_at(SECTOR as usize / 4);
+    let written = first.iter().filter(|&&word| word != BLANK).count() as u64;
+    assert_eq!(written, words, "a word is written twice, or outside the first sector");
+    assert!(others.iter().all(|&word| word == BLANK));
     assert!(around(&host) == before, "a word outside the settings has changed");
     assert_eq!(host.act(Action::Reboot), Verdict::Done);
     host.run_for(200);
@@ -66,7 +122,8 @@ fn a_saved_setting_is_in_force_after_a_restart_and_nothing_else_of_the_flash_has
     assert_eq!(host.value(PERIOD), 100);
     let identity = host.identity();
     assert_eq!((identity.reset, identity.settings), (ResetCause::Software, Origin::Stored));
-    assert_eq!(work(&host).0, words, "a start that finds all in order writes nothing");
+    assert_eq!(work(&host), (words, 0), "a start that finds all in order writes nothing");
+    assert_eq!(host.faults(), []);
     // The controller has them too: it stops what moves after 300 ms of silence, not after 2 s.
     host.go(Quantity::Pwm, [Some(24_576), None, None, None, None, None]);
     host.run_for(200);
@@ -79,15 +136,20 @@ fn a_saved_setting_is_in_force_after_a_restart_and_nothing_else_of_the_flash_has
 #[test]
 fn an_erase_holds_the_core_for_250_ms_and_the_watchdog_bears_it() {
     let mut host = Host::boot(IMAGE);
+    assert_eq!(watchdog(&host), USUAL);
     // Sixty saves fill a sector; the ones behind them erase.
-    let mut saves = 0;
+    let (mut saves, mut erasing) = (0, None);
     while work(&host).1 == 0 {
         saves += 1;
         assert!(saves < 200, "no save erases");
         host.set(PERIOD, 50 + saves % 50);
-        assert_eq!(host.act(Action::Save), Verdict::Done);
+        erasing = save(&mut host);
     }
-    host.run_for(300);
+    assert_eq!(erasing, Some(LENGTHENED));
+    host.run_for(10);
+    assert_eq!(watchdog(&host), USUAL);
+    let erased = host.bench.with(|stand| stand.rig().chip.flash.erased.clone());
+    assert_eq!(erased, [1], "the first sector is the oldest");
     let longest = host
         .bench
         .with(|stand| stand.feeds.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap());
@@ -98,6 +160,12 @@ fn an_erase_holds_the_core_for_250_ms_and_the_watchdog_bears_it() {
     let told: Vec<String> =
         host.bench.with(|stand| stand.session.told().map(|told| format!("{told:?}")).collect());
     assert_eq!(told, [""; 0], "no wrong key, no write while it is locked");
+    assert_eq!(host.act(Action::Reboot), Verdict::Done);
+    host.run_for(200);
+    host.heard();
+    let identity = host.identity();
+    assert_eq!((identity.reset, identity.settings), (ResetCause::Software, Origin::Stored));
+    assert_eq!(host.value(PERIOD), 50 + saves % 50);
 }
 
 #[test]
@@ -110,13 +178,9 @@ fn a_flash_that_takes_nothing_is_told_and_only_the_settings_sectors_are_tried() 
     assert_eq!(work(&host), (0, 0), "with a motor on the flash is left alone");
     host.order(Command::Run { scope: Scope::All, run: false });
     // Three erases in vain hold the core for 750 ms.
-    host.send(Command::Extension(protocol::extension::Request::Do(Action::Save)));
+    host.send(Command::Extension(Request::Do(Action::Save)));
     host.run_for(1000);
-    let verdict = host.wait("outcome", |frame| match frame.answer() {
-        Some(protocol::extension::Answer::Outcome(outcome)) => Some(outcome.verdict),
-        _ => None,
-    });
-    assert_eq!(verdict, Verdict::FlashFailed);
+    assert_eq!(host.wait("outcome", verdict), Verdict::FlashFailed);
     let mut erased = host.bench.with(|stand| stand.rig().chip.flash.erased.clone());
     erased.sort_unstable();
     erased.dedup();
@@ -125,6 +189,7 @@ fn a_flash_that_takes_nothing_is_told_and_only_the_settings_sectors_are_tried() 
     host.go(Quantity::Pwm, [Some(24_576), None, None, None, None, None]);
     host.live_for(300);
     assert!(is_enabled(&host));
+    assert_eq!(watchdog(&host), USUAL);
     assert_eq!(resets(&host), 0);
 }
 
@@ -133,6 +198,7 @@ fn damaged_settings_and_a_bite_of_the_watchdog_are_on_record() {
     let settings = b"not settings".to_vec();
     let mut host = Host::boot_with(IMAGE, Make { settings, ..Make::default() });
     assert_eq!(host.identity().settings, Origin::Corrupt);
+    assert_eq!(host.value(PERIOD), 50, "the default");
     assert_eq!(host.faults(), [Fault::SettingsCorrupt]);
     let code = host.bench.patch("5Shaft6update", &[0xE7FE]); // b .
     host.run_for(70);

@@ -186,6 +186,8 @@ fn a_stack_that_overflows_is_off_at_once_and_writes_nothing_below_sram() {
         let took = off_after(&mut host);
         assert!(took <= AT_ONCE_MS, "off {took:.1} ms after the last good period");
         assert!(words(&host) == before, "something was written below SRAM");
+        let restarts = host.bench.with(|stand| stand.session.resets().len());
+        assert!(restarts > 0, "the watchdog bites");
     }
 }
 
@@ -198,6 +200,9 @@ fn control_that_is_slow_for_30_ms_goes_on() {
     host.live_for(200);
     assert_eq!(host.bench.with(driven), ([true; 6], true), "nothing was switched off");
     host.go(Quantity::Pwm, [Some(8192); 6]);
+    host.run_for(5);
+    let duty = host.bench.with(|stand| stand.rig().chip.pulses(F407.bridges[0]).unwrap().duty());
+    assert!((duty - 0.25).abs() < 0.01, "a command is obeyed: {duty}");
     assert_eq!(host.bench.with(|stand| stand.session.resets().len()), 0);
 }
 
@@ -244,6 +249,7 @@ fn a_log_that_a_probe_asked_to_block_stops_nothing() {
     let logged =
         |host: &Host| host.bench.with(move |stand| stand.host.read(written, Width::W32).unwrap());
     host.bench.with(move |stand| stand.host.write(flags, Width::W32, 2).unwrap());
+    let missed = host.health().periods_missed;
     let (mut at, mut total) = (logged(&host), 0);
     for _ in 0..60 {
         host.send_raw(protocol::pms5005::did::PWM, &[9, 0, 0]); // no channel 9: a line of the log
@@ -253,6 +259,7 @@ fn a_log_that_a_probe_asked_to_block_stops_nothing() {
         at = now;
     }
     assert!(total > LOG_BUFFER, "only {total} bytes were logged: there was room for all");
+    assert_eq!(host.health().periods_missed, missed);
     assert_eq!(host.bench.with(driven), ([true; 6], true), "nothing was switched off");
     host.go(Quantity::Pwm, [Some(8192); 6]);
     host.run_for(5);

@@ -1,244 +1,142 @@
-//! The images in QEMU.
+//! The virtual board's image in QEMU: a Cortex-M says what the computer says, byte for byte.
 //!
-//!     .ci/images && cargo test -p tests --test qemu -- --ignored --test-threads 2
+//!     .ci/images && cargo test -p tests --test qemu -- --ignored
 //!
-//! The virtual board's image is in `simulated`. Here is the STM32F407
-//! board's, in `settings` what of it outlives a start, and in `hang` a control that does not come
-//! back: frames go in over its UART, and the registers that it writes come out of QEMU's log. It
-//! differs from the image that is flashed only in what the machine lacks (the firmware's feature
-//! `qemu`): SysTick for TIM5's compare channels, a receive interrupt and polled sending for the
-//! UART's DMA.
+//! The image runs in real time, so it depends on the machine when it gets which bytes. It tells
+//! that on its second serial line (the trace), and then a virtual board is given the same bytes
+//! at the same times of its virtual clock. No version of QEMU is asked for; 7.2 has been tried.
 
-mod chip;
-mod gdb;
-mod hang;
-mod machine;
 mod process;
 mod script;
-mod settings;
-mod simulated;
 
-use chip::Chip;
-use gdb::{PC, SP};
-use hal_mock::flash::Flash;
-use machine::Machine;
-use process::image;
-use protocol::pms5005::{
-    Addressing, CHANNELS, Command, Move, Quantity, Repeat, Report, Reports, Scope, did,
-};
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
 
-/// The PMS5005 with what the machine lacks replaced.
-const IMAGE: &str = "pms5005-qemu";
+use hal_mock::board::{Make, VirtualBoard};
+use protocol::pms5005::{self, Frame, did};
 
-/// The machine's clock counts instructions, 8 ns each, in place of the wall's time.
-const SLOWLY: [&str; 2] = ["-icount", "shift=3"];
+use process::{Qemu, bytes_from, image};
+use script::{ACKS, Step, script};
 
-/// Bytes of the log that may wait for a probe (.cargo/config.toml).
-const LOG_BUFFER: u32 = 256;
+/// A piece of what the host sent: when the board was given it (ms of the board's time), its bytes.
+type Piece = (u64, usize);
 
-/// Register offsets: GPIO's BSRR, a timer's CCR1, the watchdog's KR, PR and RLR.
-const BSRR: u32 = 0x18;
-const CCR1: u32 = 0x34;
-const KR: u32 = 0x00;
-const PR: u32 = 0x04;
-const RLR: u32 = 0x08;
+/// The board's time after the last piece that is compared too, in ms: a round of telemetry or two.
+const AFTERWARDS_MS: u64 = 100;
 
-/// The watchdog's reload while control runs: 205 counts of the LSI divided by 8.
-const USUAL: u32 = 204;
+/// What the image says to a script, for so long that the last step's answers are in it; and when
+/// it was given what.
+fn image_says(script: &[Step], enough: impl Fn(&[Piece]) -> usize) -> (Vec<u8>, Vec<Piece>) {
+    let sockets = [("-serial", "host"), ("-serial", "trace")];
+    let qemu = Qemu::start(&image("pms5005-sim"), &sockets);
+    let mut host = qemu.connect("host");
+    let (from_image, trace) = (bytes_from(&host), bytes_from(&qemu.connect("trace")));
 
-/// QEMU's name for what is at the watchdog's address.
-const IWDG: &str = "I2S2ext";
-
-/// Locked anti-phase: stop is half of 4200 ticks.
-const NEUTRAL: u32 = 2100;
-
-fn go(quantity: Quantity, targets: [Option<i16>; CHANNELS]) -> Command<'static> {
-    Command::Move(Move { quantity, addressing: Addressing::List, targets, periods: 0 })
-}
-
-/// Channels 0 and 4: one of TIM1 (or TIM3), one of TIM8 (or TIM12).
-fn first_and_fifth(first: i16, fifth: i16) -> [Option<i16>; CHANNELS] {
-    [Some(first), None, None, None, Some(fifth), None]
-}
-
-/// Safe first: enable lines PE2, PE4 to PE8 low, then the bridges neutral, the servos without
-/// pulses, the output port PD8 to PD15 low.
-fn assert_safe_state_is_written(machine: &mut Machine) {
-    let enables = machine.written("GPIOE", BSRR, 0x01F4_0000);
-    for channel in 0..4 {
-        assert!(enables < machine.written("timer[1]", CCR1 + 4 * channel, NEUTRAL));
+    // It is ready when it has said something.
+    let mut said = vec![next(&from_image, &trace)];
+    for Step { bytes, pause } in script {
+        host.write_all(bytes).unwrap();
+        std::thread::sleep(*pause);
     }
-    for channel in 0..2 {
-        assert!(enables < machine.written("timer[8]", CCR1 + 4 * channel, NEUTRAL));
-        assert!(enables < machine.written("timer[12]", CCR1 + 4 * channel, 0));
+
+    let sent: usize = script.iter().map(|step| step.bytes.len()).sum();
+    let mut pieces = Vec::new();
+    let mut handed_over = 0;
+    while handed_over < sent {
+        let line: Vec<u8> = std::iter::repeat_with(|| next(&trace, &trace))
+            .take_while(|&byte| byte != b'\n')
+            .collect();
+        let (at, count) = piece(&line).unwrap_or_else(|| {
+            let more: Vec<u8> = trace.try_iter().collect();
+            panic!("the image says {}", String::from_utf8_lossy(&[line, more].join(&b'\n')));
+        });
+        handed_over += count;
+        pieces.push((at, count));
     }
-    machine.written("GPIOD", BSRR, 0xFF00_0000);
-    let tim3 = machine.stopped(|gdb| [0, 4, 8, 12].map(|k| gdb.word(0x4000_0434 + k)));
-    assert_eq!(tim3, [0; 4]);
-}
-
-/// Everything moves, so that a safe state can be told from the one at boot.
-fn set_everything_going(machine: &mut Machine) {
-    machine.order(go(Quantity::Pwm, [Some(24_576); CHANNELS]));
-    machine.order(go(Quantity::Servo, [Some(3375); CHANNELS]));
-    machine.order(Command::GpioOutputs(0xFF));
-    machine.written("timer[8]", CCR1 + 4, 3150);
-    machine.written("timer[12]", CCR1 + 4, 4500);
-}
-
-#[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn the_image_acknowledges_streams_and_drives_its_registers() {
-    let mut machine = Machine::boot("drives", IMAGE, &[]);
-
-    // All telemetry is on at boot.
-    machine.report(|report| matches!(report, Report::Motors(_)).then_some(()));
-    machine.report(|report| matches!(report, Report::CustomIo(_)).then_some(()));
-    let sonar = machine.report(|report| match report {
-        Report::Sensors(report) => Some(report.sonar_cm),
-        _ => None,
-    });
-    assert_eq!(sonar, [255; 6], "no echo line ever rises");
-    machine.order(Command::Ping);
-
-    // PWM. 24576 is half forward: (1 + 1/2) / 2 of 4200; 8192 is half reverse.
-    machine.forget();
-    machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    let compare = machine.written("timer[1]", CCR1, 3150);
-    let enable = machine.written("GPIOE", BSRR, 1 << 2);
-    assert!(compare < enable, "a bridge is enabled last");
-    machine.written("timer[8]", CCR1, 1050);
-    machine.written("GPIOE", BSRR, 1 << 7);
-    assert!(!machine.is_written("timer[1]", CCR1 + 4), "channel 1 is left alone");
-
-    // Servos: 3 MHz for the protocol's 2.25 MHz.
-    machine.order(go(Quantity::Servo, first_and_fifth(3375, 6000)));
-    machine.written("timer[12]", CCR1, 8000);
-    let tim3 = machine.stopped(|gdb| (gdb.word(0x4000_0434), gdb.word(0x4000_0438)));
-    assert_eq!(tim3, (4500, 0), "1.5 ms, and no pulse before the first command");
-
-    // The output port: what is 1 is set, what is 0 is reset, in one write.
-    machine.order(Command::GpioOutputs(0xA5));
-    machine.written("GPIOD", BSRR, 0x5A00_A500);
-
-    // Suspension disables first.
-    machine.forget();
-    machine.order(Command::Run { scope: Scope::All, run: false });
-    let enable = machine.written("GPIOE", BSRR, 1 << (2 + 16));
-    assert!(enable < machine.written("timer[1]", CCR1, NEUTRAL), "a bridge is disabled first");
-    machine.written("GPIOE", BSRR, 1 << (7 + 16));
-    machine.written("timer[8]", CCR1, NEUTRAL);
-    machine.written("timer[12]", CCR1, 0);
-    assert_eq!(machine.stopped(|gdb| gdb.word(0x4000_0434)), 0);
-
-    // Every task is alive, so the watchdog is fed.
-    machine.forget();
-    machine.written(IWDG, KR, 0xAAAA);
-
-    // Telemetry stops when it is told to.
-    machine.order(Command::Telemetry { reports: Reports::All, repeat: Repeat::Stop });
-    for _ in 0..3 {
-        let (did, data, telemetry) = machine.frame();
-        assert_eq!((did, data, telemetry), (255, vec![0], false), "only pings from now on");
+    assert_eq!(handed_over, sent, "the trace tells of bytes that were never sent");
+    let enough = enough(&pieces);
+    while said.len() < enough {
+        said.push(next(&from_image, &trace));
     }
+    (said, pieces)
 }
 
-#[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn a_silent_host_stops_the_bridges() {
-    let mut machine = Machine::boot("silence", IMAGE, &[]);
-    machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    machine.written("GPIOE", BSRR, 1 << 2);
-    machine.forget();
-    machine.written("timer[1]", CCR1, NEUTRAL);
-    machine.written("timer[8]", CCR1, NEUTRAL);
+/// The next byte that the image sends.
+fn next(from: &Receiver<u8>, trace: &Receiver<u8>) -> u8 {
+    from.recv_timeout(Duration::from_secs(5)).unwrap_or_else(|error| {
+        let trace: Vec<u8> = trace.try_iter().collect();
+        panic!("the image: {error}; its trace ends with {}", String::from_utf8_lossy(&trace))
+    })
 }
 
-#[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn the_flash_is_read_with_caches_and_where_it_works_with_prefetch() {
-    // Five wait states; prefetch is bit 8, the instruction cache 9, the data cache 10.
-    let machine = Machine::boot("cached", IMAGE, &[]);
-    assert_eq!(machine.chip.flash_access(), 0x705);
-    let (chip, flash) = (Chip::of_revision_a(), Flash::empty());
-    let machine = Machine::boot_with("revision-a", IMAGE, &[], chip, &flash);
-    assert_eq!(machine.chip.flash_access(), 0x605);
+/// A line of the trace, unless it is something else.
+fn piece(line: &[u8]) -> Option<Piece> {
+    let (at, count) = std::str::from_utf8(line).ok()?.split_once(' ')?;
+    Some((at.parse().ok()?, count.parse().ok()?))
 }
 
-#[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn a_debugger_that_halts_the_core_stops_the_watchdog_only_while_nothing_is_driven() {
-    let mut machine = Machine::boot("halted", IMAGE, &[]);
-    assert!(machine.chip.watchdog_stops_with_the_core());
-    machine.serve(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    assert!(!machine.chip.watchdog_stops_with_the_core());
-    machine.serve(Command::Run { scope: Scope::All, run: false });
-    assert!(machine.chip.watchdog_stops_with_the_core());
-}
-
-#[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn a_log_that_nobody_reads_stops_nothing_though_the_probe_asks_it_to_block() {
-    const LINES: u32 = 60;
-    let control_block = gdb::symbol(&image(IMAGE), "_SEGGER_RTT");
-    let mut machine = Machine::boot("log", IMAGE, &SLOWLY);
-    machine.order(go(Quantity::Pwm, first_and_fifth(24_576, 8192)));
-    machine.written("timer[1]", CCR1, 3150);
-    let before = settings::health(&mut machine);
-    machine.forget();
-
-    // As a probe does when it attaches, which then is pulled. The flags of the first channel are
-    // behind the identifier, two counts and five words of it.
-    let (written, flags) = (control_block + 36, control_block + 44);
-    machine.stopped(|gdb| gdb.set_bytes(flags, &2_u32.to_le_bytes()));
-    let (mut at, mut logged) = (machine.stopped(|gdb| gdb.word(written)), 0);
-    for _ in 0..LINES {
-        machine.send_raw(did::PWM, &[9, 0, 0]); // no channel 9: refused, and a line of the log
-        machine.acknowledged();
-        let now = machine.stopped(|gdb| gdb.word(written));
-        logged += now.wrapping_sub(at) % LOG_BUFFER;
-        at = now;
+/// What a virtual board says when it is given `bytes` in these pieces.
+fn computer_says(bytes: &[u8], pieces: &[Piece], seed: u64) -> Vec<u8> {
+    let mut board = VirtualBoard::new(Make { line_rate: 0, seed, ..Make::default() });
+    let mut rest = bytes;
+    for &(at, count) in pieces {
+        let (piece, after) = rest.split_at(count);
+        board.run_until(embassy_time::Instant::from_millis(at));
+        board.line.host_sends(piece);
+        rest = after;
     }
-    assert!(logged > LOG_BUFFER, "only {logged} bytes were logged: there was room for all");
-
-    // Control has missed no period, the motors are still on, and a command is obeyed.
-    let after = settings::health(&mut machine);
-    assert_eq!(after.periods_missed, before.periods_missed);
-    assert!(after.uptime_ms > before.uptime_ms);
-    assert!(!machine.values("timer[1]", CCR1).contains(&NEUTRAL), "channel 0 has stopped");
-    machine.order(go(Quantity::Pwm, first_and_fifth(8192, 24_576)));
-    machine.written("timer[1]", CCR1, 1050);
+    board.run_for(embassy_time::Duration::from_millis(AFTERWARDS_MS));
+    std::iter::from_fn(|| board.line.host_receives()).flat_map(|(_, frame)| frame).collect()
 }
 
 #[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn a_stack_overflow_puts_the_outputs_into_their_safe_state() {
-    let mut machine = Machine::boot("overflow", IMAGE, &[]);
-    set_everything_going(&mut machine);
-    machine.forget();
-    // The stack grows down to the very start of SRAM: the next push has nowhere to go.
-    machine.stopped(|gdb| gdb.set_register(SP, 0x2000_0008));
-    assert_safe_state_is_written(&mut machine);
-    machine.forget();
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    assert!(!machine.is_written(IWDG, KR), "the watchdog is left to bite");
-}
+#[ignore = "needs QEMU and the image that .ci/images builds"]
+fn a_cortex_m_answers_every_did_with_the_bytes_of_the_virtual_clock() {
+    let begin = Instant::now();
+    let script = script();
+    let sent: Vec<u8> = script.iter().flat_map(|step| step.bytes.clone()).collect();
+    let seed = Make::default().seed;
+    let (said, pieces) = image_says(&script, |pieces| computer_says(&sent, pieces, seed).len());
+    let expected = computer_says(&sent, &pieces, seed);
 
-#[test]
-#[ignore = "needs QEMU 7.2 and the image that .ci/images builds"]
-fn a_panic_puts_the_outputs_into_their_safe_state() {
-    let panic = gdb::symbol(&image(IMAGE), "panic_bounds_check");
-    let mut machine = Machine::boot("panic", IMAGE, &[]);
-    set_everything_going(&mut machine);
-    machine.forget();
-    machine.stopped(|gdb| {
-        // panic_bounds_check(3, 3, location); the zeros at the end of SRAM are an empty location.
-        for (register, value) in [(0, 3), (1, 3), (2, 0x2001_F000), (PC, panic)] {
-            gdb.set_register(register, value);
-        }
-    });
-    assert_safe_state_is_written(&mut machine);
-    machine.forget();
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    assert!(!machine.is_written(IWDG, KR), "the watchdog is left to bite");
+    let said = &said[..expected.len()];
+    if let Some(at) = (0..expected.len()).find(|&at| said[at] != expected[at]) {
+        let near = at.saturating_sub(16)..(at + 16).min(expected.len());
+        panic!(
+            "byte {at} of {} differs: the image says {:02X?}, the computer {:02X?}",
+            expected.len(),
+            &said[near.clone()],
+            &expected[near]
+        );
+    }
+
+    // It was worth comparing: every acknowledgement, every kind of frame.
+    let mut receiver = pms5005::Receiver::new();
+    let (mut acks, mut kinds) = (0, BTreeSet::new());
+    let mut bytes = said;
+    while let Some(frame) = receiver.receive(&mut bytes) {
+        let Frame { res, did, data, .. } = Frame::parse(frame).unwrap();
+        acks += usize::from((res, did, data) == (0, did::SETUP, &[1]));
+        kinds.insert((res, did, (res == 0).then(|| data.to_vec())));
+    }
+    assert_eq!(acks, ACKS);
+    let telemetry = [did::MOTORS, did::CUSTOM_IO, did::SENSORS].map(|did| (255, did, None));
+    let pings_and_acks = [0, 1].map(|kind| (0, did::SETUP, Some(vec![kind])));
+    assert_eq!(kinds, telemetry.into_iter().chain(pings_and_acks).collect());
+
+    // And it can differ: by one bit of what was sent, by another noise.
+    let mut damaged = sent.clone();
+    damaged[sent.len() / 2] ^= 1;
+    assert_ne!(computer_says(&damaged, &pieces, seed), expected);
+    assert_ne!(computer_says(&sent, &pieces, seed + 1), expected);
+    println!(
+        "{} bytes of the host in {} pieces, {} bytes of the image, all as expected, {acks} \
+         acknowledgements, in {:.1} s",
+        sent.len(),
+        pieces.len(),
+        expected.len(),
+        begin.elapsed().as_secs_f32()
+    );
 }

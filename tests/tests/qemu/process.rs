@@ -21,40 +21,27 @@ pub fn image(name: &str) -> PathBuf {
     path
 }
 
-/// What `qemu-system-arm --version` says.
-pub fn version() -> String {
-    let version = Command::new("qemu-system-arm").arg("--version").output();
-    let version = version.expect("qemu-system-arm is needed (Debian package qemu-system-arm)");
-    String::from_utf8_lossy(&version.stdout).lines().next().unwrap_or_default().into()
-}
-
 impl Qemu {
-    /// Starts it in a folder of its own, named after the test, with the options, and then those
-    /// that take a socket, each with the socket's name.
-    pub fn start(test: &str, image: &Path, options: &[&str], sockets: &[(&str, &str)]) -> Self {
-        let folder = std::env::temp_dir().join(format!("pms5005-{}-{test}", std::process::id()));
+    /// Starts it in a folder of its own with options that take a socket, each with the socket's name.
+    pub fn start(image: &Path, sockets: &[(&str, &str)]) -> Self {
+        let folder = std::env::temp_dir().join(format!("pms5005-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let mut command = Command::new("qemu-system-arm");
         command.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none"]);
-        command.args(options);
         for (option, name) in sockets {
             let socket = format!("socket,id={name},path={name},server=on,wait=off");
             command.args(["-chardev", &socket, option, &format!("chardev:{name}")]);
         }
         command.arg("-kernel").arg(image).stdin(Stdio::null()).current_dir(&folder);
-        let child = command.spawn().expect("qemu-system-arm is needed");
+        let child = command.spawn();
+        let child = child.expect("qemu-system-arm is needed (Debian package qemu-system-arm)");
         Self { child, folder }
-    }
-
-    /// A file in its folder.
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
     }
 
     /// Connects to one of its sockets. QEMU makes them a moment after its start.
     pub fn connect(&self, name: &str) -> UnixStream {
         for _ in 0..250 {
-            if let Ok(stream) = UnixStream::connect(self.path(name)) {
+            if let Ok(stream) = UnixStream::connect(self.folder.join(name)) {
                 return stream;
             }
             std::thread::sleep(Duration::from_millis(20));

@@ -4,7 +4,7 @@
 //! The first serial line is the host's. The second is the trace: one line `TIME COUNT` for every
 //! piece of what the host sent, when the board was given it (ms of the board's time) and how many
 //! bytes it was. With it a [`VirtualBoard`](hal_mock::board::VirtualBoard) can be given the same
-//! bytes at the same times, and must answer with the same bytes (`tests/tests/qemu/simulated.rs`).
+//! bytes at the same times, and must answer with the same bytes (`tests/tests/qemu/main.rs`).
 //! A panic and a hard fault tell their reason there, and stop the board.
 //!
 //! Time is real: SysTick says how far the virtual clock may go. The line takes no time, and is
