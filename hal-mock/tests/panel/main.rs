@@ -3,6 +3,7 @@
 
 mod driving;
 mod others;
+mod races;
 mod settings;
 
 use embassy_time::Duration;
@@ -20,6 +21,8 @@ struct Desk {
     told: Vec<(PageId, Value)>,
     ms: u64,
     next: u64,
+    /// What the board says does not come.
+    is_deaf: bool,
 }
 
 const ONE: PageId = 1;
@@ -35,7 +38,15 @@ impl Desk {
         let link: Link = "tcp:127.0.0.1:5005".parse().unwrap();
         let mut panel = Panel::new(link, true);
         panel.link_is_open(std::time::Duration::ZERO);
-        let mut desk = Self { board, panel, alive: Vec::new(), told: Vec::new(), ms: 0, next: 1 };
+        let mut desk = Self {
+            board,
+            panel,
+            alive: Vec::new(),
+            told: Vec::new(),
+            ms: 0,
+            next: 1,
+            is_deaf: false,
+        };
         desk.open(ONE);
         desk.run(4000);
         assert!(!desk.last(ONE, "settings")["settings"].as_array().unwrap().is_empty());
@@ -70,10 +81,16 @@ impl Desk {
             }
             self.board.run_for(Duration::from_millis(1));
             while let Some((_, frame)) = self.board.line.host_receives() {
-                self.panel.receive(&frame, self.now());
+                if !self.is_deaf {
+                    self.panel.receive(&frame, self.now());
+                }
             }
             while let Some((page, text)) = self.panel.take_message() {
-                self.told.push((page, serde_json::from_str(&text).unwrap()));
+                let told: Value = serde_json::from_str(&text).unwrap();
+                let is_second = told["id"].is_u64()
+                    && self.told.iter().any(|(to, old)| *to == page && old["id"] == told["id"]);
+                assert!(!is_second, "answered twice: {told}");
+                self.told.push((page, told));
             }
         }
     }
@@ -85,6 +102,12 @@ impl Desk {
         what["id"] = id.into();
         self.panel.hear(page, &what.to_string(), self.now());
         id
+    }
+
+    /// What the panel wants to write now is lost on the line.
+    fn lose_output(&mut self) {
+        self.panel.advance(self.now());
+        while self.panel.take_output().is_some() {}
     }
 
     /// Says something, and waits for its answer.
