@@ -69,10 +69,8 @@ fn of_a_change_that_is_refused_nothing_stays() {
             values[format!("{name} {n}")] = 9.into();
         }
     }
-    for (low, high) in [("soft limit low 1", "soft limit high 1")] {
-        values[low] = 900.into();
-        values[high] = 100.into();
-    }
+    values["soft limit low 1"] = 900.into();
+    values["soft limit high 1"] = 100.into();
     let error = desk.ask(ONE, json!({"do": "set", "values": values})).unwrap_err();
     assert!(error.contains("as before"), "{error}");
     desk.ask(ONE, json!({"do": "settings"})).unwrap();

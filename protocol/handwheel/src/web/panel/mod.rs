@@ -67,7 +67,8 @@ enum Purpose {
 /// Exchanges that may wait; pages that ask for more are refused.
 const MOST: usize = 256;
 
-/// See the [module](self).
+/// What pages may do to a board and what they are told: bytes, messages and the time go in, bytes and messages
+/// come out.
 pub struct Panel {
     link: Link,
     is_virtual: bool,
