@@ -58,7 +58,7 @@
 //! | `world` | of a virtual board, 5 a second: `state`, the simulated truth as the inspector tells it |
 //!
 //! ## A step
-//! `{"motor", "unit", "target", "samples": [[MS, VALUE, DUTY]], "rise_ms", "overshoot_percent", "settling_ms",
+//! `{"motor", "unit", "target", "samples": [[MS, VALUE, PERCENT OF DUTY]], "rise_ms", "overshoot_percent", "settling_ms",
 //! "steady_error", "why"}`; rise and settling are null if they never came, `why` is what limited it at the end, or null.
 
 mod host;

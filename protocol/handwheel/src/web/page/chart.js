@@ -117,7 +117,7 @@ export function rule(context, x0, y0, x1, y1, name = "--faint") {
 export class StripChart {
   constructor(canvas) {
     this.canvas = canvas;
-    this.value = new Scale(20);
+    this.value = new Scale(200); // noise is to look like noise
     this.amperes = new Scale(0.5);
   }
 

@@ -71,8 +71,8 @@ function hear({ state }) {
   const settable = state.settable ?? [];
   const is = overridden();
   for (const [key, card] of cards) card.hidden = !settable.includes(key) && key !== "link";
-  const isSet = is.wall_cm !== undefined && is.wall_cm !== null;
-  put(wallNow, isSet ? `A wall, put at ${Math.round(is.wall_cm)} cm` : "No wall");
+  const isThere = typeof state.wall_cm === "number";
+  put(wallNow, isThere ? `A wall is ${Math.round(state.wall_cm)} cm ahead` : "No wall");
   for (const { key, buttons } of banks) {
     members(key, MOTORS.length).forEach((value, i) => buttons[i].setAttribute("aria-pressed", String(Boolean(value))));
   }
@@ -149,6 +149,8 @@ export function start() {
     el("details", { class: "card wide" }, el("summary", { text: "The simulated truth, as JSON" }), truth));
   on("world", hear);
   on("sensors", ({ sonar_cm: sonars }) => {
-    if (!panel.hidden && sonars) put(seen, `The sonars see ${sonars.map((cm) => (cm === NOTHING_CM ? "nothing" : cm)).join(", ")} cm`);
+    if (panel.hidden || !sonars) return;
+    const seeing = sonars.map((cm, i) => [i + 1, cm]).filter(([, cm]) => cm !== NOTHING_CM);
+    put(seen, seeing.length ? seeing.map(([n, cm]) => `sonar ${n} ${cm} cm`).join(", ") : "The sonars see nothing");
   });
 }

@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::motion::shafts::Shafts;
 use crate::motion::watch::Watch;
 use crate::session::{Event, Personality, sign_of_life};
-use crate::step::Course;
+use crate::step::{Course, Sample};
 use crate::{Number, client};
 
 /// After which silence an armed page that drives nothing is disarmed.
@@ -271,11 +271,14 @@ impl Panel {
         let Some(step) = self.motion.step.take() else { return };
         self.end(step.motor, None, "");
         let result = step.course.response().map_err(|error| error.to_string());
+        let percent = |duty: f64| (duty * 1000.0).round() / 10.0;
+        let row = |s: &Sample| json!([s.time.as_millis() as u64, s.value, percent(s.duty)]);
+        let samples: Vec<_> = step.course.samples().iter().map(row).collect();
         let ms = |time: Option<Duration>| time.map(|time| time.as_millis() as u64);
         let told = result.map(|(found, aim)| {
             json!({
                 "motor": step.motor.index() + 1, "unit": step.course.unit(), "target": aim,
-                "samples": step.course.list(), "rise_ms": ms(found.rise),
+                "samples": samples, "rise_ms": ms(found.rise),
                 "overshoot_percent": found.overshoot_percent, "settling_ms": ms(found.settling),
                 "steady_error": found.steady_error, "why": step.course.why,
             })
