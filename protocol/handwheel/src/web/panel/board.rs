@@ -7,7 +7,8 @@ use protocol::arcos::{ArmCommand, ArmStatus, Packet, SYNC, Standard, StatusReque
 use protocol::extension::{Counters, FaultRecord, Health, Identity, Refusals, Request};
 use protocol::pms5005::{Command, Repeat};
 
-use super::{Panel, Purpose};
+use super::Panel;
+use super::exchanges::Purpose;
 use crate::Number;
 use crate::client::{LINK_TIMEOUT, RENEW, Setting, dialect};
 use crate::session::{Event, Failure, Personality, Reply};

@@ -11,6 +11,8 @@
 //! - signs of life are sent while something is ours, and only then.
 
 mod board;
+mod exchanges;
+mod message;
 mod motion;
 mod outputs;
 mod settings;
@@ -20,15 +22,14 @@ mod tell;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use protocol::extension::{Action, Request};
-use protocol::pms5005::Command;
 use serde_json::{Map, Value, json};
 
-use crate::Number;
 use crate::error::Error;
 use crate::link::Link;
 use crate::motion::target;
-use crate::session::{Event, Failure, Greeting, HEAR, Personality, Reply, Session};
+use crate::session::{Event, Greeting, HEAR, Personality, Session};
+
+use exchanges::{MOST, Purpose};
 
 /// How long a page that drives may be silent; it speaks every 50 ms.
 pub const ALIVE: Duration = Duration::from_millis(250);
@@ -41,31 +42,6 @@ pub type PageId = u64;
 /// Who waits for an answer, and the number of the question, if it has one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Asker(PageId, Option<u64>);
-
-/// What an exchange of the session is for; one each, in their order.
-enum Purpose {
-    /// A page waits until it is done.
-    Page(Asker, &'static str),
-    /// The same of a save, or a reset.
-    Keep(Asker, Action),
-    Servo(Asker),
-    /// A part of a picture; the last one's page waits.
-    Lcd(Option<Asker>),
-    /// A motion command, numbered; of a step nobody waits for it.
-    Drive(Number, u64, Option<Asker>),
-    /// The acknowledged part of a stop of everything, and of one motor.
-    Stop,
-    End(Number),
-    Board(board::Asked),
-    /// Of this reading of all settings.
-    ReadSetting(u64),
-    Change,
-    /// Nobody waits.
-    Quiet,
-}
-
-/// Exchanges that may wait; pages that ask for more are refused.
-const MOST: usize = 256;
 
 /// What pages may do to a board and what they are told: bytes, messages and the time go in, bytes and messages
 /// come out.
@@ -325,97 +301,6 @@ impl Panel {
         }
     }
 
-    /// What came of the oldest exchange.
-    fn settle_next(&mut self, result: Result<Reply, Failure>) {
-        if let Some(purpose) = self.purposes.pop_front() {
-            self.settle(purpose, result);
-        }
-    }
-
-    fn settle(&mut self, purpose: Purpose, result: Result<Reply, Failure>) {
-        let personality = self.personality();
-        let done = |result: Result<Reply, Failure>, what| {
-            result.map(drop).map_err(|failure| Error::of(failure, personality, what))
-        };
-        let said = |result: Result<(), Error>| {
-            result.map(|()| Value::Null).map_err(|error| error.to_string())
-        };
-        match purpose {
-            Purpose::Page(asker, what) => self.answer(asker, said(done(result, what))),
-            Purpose::Servo(asker) => self.answer(asker, said(done(result, "servos"))),
-            Purpose::Keep(asker, action) => {
-                let result = done(result, "a save of its settings");
-                if result.is_ok() {
-                    self.was_kept(action);
-                }
-                self.answer(asker, said(result));
-            }
-            Purpose::Lcd(asker) => {
-                self.lcd_is_heard(asker, done(result, "LCD").map_err(|e| e.to_string()));
-            }
-            Purpose::Drive(motor, command, asker) => {
-                self.driven(motor, command, asker, done(result, "a motion command"));
-            }
-            Purpose::Stop => self.stop_is_heard(done(result, "a stop")),
-            Purpose::End(motor) => self.end_is_heard(motor, done(result, "a stop")),
-            Purpose::Board(asked) => self.board_tells(asked, result),
-            Purpose::ReadSetting(reading) => self.setting_is_read(reading, result),
-            Purpose::Change => self.change_goes_on(result),
-            Purpose::Quiet => {}
-        }
-    }
-
-    /// Drops what has not been answered or sent; who waits for it is told why.
-    fn forget(&mut self, why: &str) {
-        self.session.forget();
-        for purpose in std::mem::take(&mut self.purposes) {
-            self.tell_dropped(&purpose, why);
-        }
-        self.settings_were_interrupted(why);
-        self.board.was_interrupted();
-    }
-
-    /// Drops what these are for, and tells who waits why.
-    fn withdraw(&mut self, which: impl Fn(&Purpose) -> bool, why: &str) {
-        while let Some(place) = self.purposes.iter().position(&which) {
-            self.session.withdraw(place);
-            if let Some(purpose) = self.purposes.remove(place) {
-                self.tell_dropped(&purpose, why);
-            }
-        }
-    }
-
-    fn tell_dropped(&mut self, purpose: &Purpose, why: &str) {
-        if let Purpose::Page(asker, _)
-        | Purpose::Keep(asker, _)
-        | Purpose::Servo(asker)
-        | Purpose::Lcd(Some(asker))
-        | Purpose::Drive(_, _, Some(asker)) = purpose
-        {
-            self.answer(*asker, Err(format!("not done: {why}")));
-        }
-    }
-
-    fn ask(&mut self, request: &Request<'_>, purpose: Purpose) {
-        self.queue(purpose, |session, now| session.ask(request, now));
-    }
-
-    fn command(&mut self, command: &Command<'_>, purpose: Purpose) {
-        self.queue(purpose, |session, now| session.command(command, now));
-    }
-
-    fn queue(
-        &mut self,
-        purpose: Purpose,
-        begin: impl FnOnce(&mut Session, Duration) -> Result<(), Failure>,
-    ) {
-        // What the line does not carry has failed before anything was sent.
-        match begin(&mut self.session, self.now) {
-            Ok(()) => self.purposes.push_back(purpose),
-            Err(failure) => self.settle(purpose, Err(failure)),
-        }
-    }
-
     fn personality(&self) -> Personality {
         self.session.personality().unwrap_or(Personality::Pms5005)
     }
@@ -462,35 +347,4 @@ impl Panel {
             self.messages.push_back((page, message.to_string()));
         }
     }
-}
-
-/// A whole number of an object, in its range.
-fn number(object: &Map<String, Value>, key: &str, low: i64, high: i64) -> Result<i64, String> {
-    let value = object.get(key).and_then(Value::as_i64);
-    value
-        .filter(|value| (low..=high).contains(value))
-        .ok_or_else(|| format!("{key}: a whole number from {low} to {high} is wanted"))
-}
-
-/// The motor or the servo of a message.
-fn member(object: &Map<String, Value>, key: &str) -> Result<Number, String> {
-    let number = number(object, key, 1, 6)?;
-    let number = u8::try_from(number).ok().and_then(Number::new);
-    number.ok_or_else(|| format!("{key}: 1 to 6"))
-}
-
-/// A time of an object, 0 without one.
-fn ms(object: &Map<String, Value>, key: &str, low: i64, high: i64) -> Result<Duration, String> {
-    match object.get(key) {
-        None | Some(Value::Null) => Ok(Duration::ZERO),
-        Some(_) => {
-            let ms = number(object, key, low, high)?;
-            Ok(Duration::from_millis(ms.unsigned_abs()))
-        }
-    }
-}
-
-/// A text of an object.
-fn text<'a>(object: &'a Map<String, Value>, key: &str) -> Result<&'a str, String> {
-    object.get(key).and_then(Value::as_str).ok_or_else(|| format!("{key}: a text is wanted"))
 }

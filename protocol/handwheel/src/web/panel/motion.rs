@@ -6,8 +6,10 @@ use protocol::extension::{MachineState, Mode};
 use protocol::pms5005::CHANNELS;
 use serde_json::{Map, Value, json};
 
+use super::exchanges::Purpose;
+use super::message::{member, ms, number};
 use super::stop::{Ending, Stop};
-use super::{ALIVE, Asker, PageId, Panel, Purpose, member, ms, number};
+use super::{ALIVE, Asker, PageId, Panel};
 use crate::client::{Target, on};
 use crate::error::Error;
 use crate::motion::shafts::Shafts;

@@ -6,7 +6,9 @@ use protocol::extension::{Action, Request};
 use protocol::pms5005::{Command, LcdFrame, Scope};
 use serde_json::{Map, Value};
 
-use super::{Asker, Panel, Purpose, member, ms, number, text};
+use super::exchanges::Purpose;
+use super::message::{member, ms, number, text};
+use super::{Asker, Panel};
 use crate::Number;
 use crate::motion::target;
 

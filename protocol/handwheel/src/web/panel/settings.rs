@@ -5,7 +5,9 @@ use std::collections::VecDeque;
 use protocol::extension::{Action, Assignments, Request};
 use serde_json::{Map, Value, json};
 
-use super::{Asker, Panel, Purpose, text};
+use super::exchanges::Purpose;
+use super::message::text;
+use super::{Asker, Panel};
 use crate::backup::{self, Plan};
 use crate::client::{Settings, assignments, check, find, most, parts, with_name};
 use crate::error::Error;

@@ -9,7 +9,8 @@ use protocol::arcos::{ArmCommand, Joints, Packet};
 use protocol::extension::Mode;
 use serde_json::{Value, json};
 
-use super::{Asker, Panel, Purpose};
+use super::exchanges::Purpose;
+use super::{Asker, Panel};
 use crate::Number;
 use crate::client::{REPEAT, STAND};
 use crate::error::Error;
