@@ -106,7 +106,9 @@ pub fn reason(state: &ChannelState) -> Option<String> {
         Reason::Overload => "the current was too high for too long: the drive is limited".into(),
         Reason::Slew => "its slew time limits the drive".into(),
         Reason::HighestDuty => "its highest duty limits the drive".into(),
-        Reason::FullDrive => "it has all the drive there is".into(),
+        Reason::FullDrive => {
+            "it has all the drive there is, and that is not enough: held fast, or too weak".into()
+        }
         Reason::OldCommand => {
             "its last motion command grew too old (`handwheel set oldest command 0` allows any age)"
                 .into()

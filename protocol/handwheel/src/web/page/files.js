@@ -63,7 +63,7 @@ async function restore() {
   if (answer) show(answer, true);
 }
 
-async function save() {
+export async function save() {
   if ((await attempt("save")) !== undefined) note("Saved: what is in force outlasts a restart", "good");
 }
 

@@ -7,7 +7,7 @@ const panel = document.getElementById("panel-link");
 
 /** The board's health, for a list of facts. What it does not tell is left out. */
 export const healthRows = (it) => [
-  ["up for", it.uptime_ms, (ms) => duration(ms)], ["latency, worst", it.latency_us, (us) => `${words(us)} µs`], ["stack", it.stack, words],
+  ["up for", it.uptime_ms, (ms) => duration(ms)], ["latency, worst", it.latency_us, (us) => `${words(us)} µs`], ["stack used", it.stack, (bytes) => (bytes ? `${number(bytes)} bytes` : "unknown")],
   ["control periods missed", it.missed, words], ["faults", it.faults, words],
   ["frames on this link", it.frames, (n) => `${number(n)} a second`], ["bytes on this link", it.bytes, (n) => `${number(n)} a second`],
 ].filter(([, value]) => value !== undefined && value !== null).map(([name, value, show]) => [name, show(value)]);

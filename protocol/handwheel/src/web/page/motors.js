@@ -18,7 +18,7 @@ const NUMBERS = {
 const DRIVES = { velocity: ["Velocity", "counts/s"], position: ["Position", "counts"], duty: ["Duty", "%"] };
 /** Frames are drawn no closer together; of long spans, half as often; and where drawing is slow, in no more than
  * a quarter of the time, so that a slow computer still says that it is alive. */
-const FRAME_MS = 32;
+const FRAME_MS = 50;
 const SHARE = 4;
 const NUMBERS_MS = 100;
 

@@ -6,6 +6,8 @@ import { duration, el, number, put, words, writer, button } from "/ui.js";
 
 const NOTES = 50;
 const STALE_MS = 1000;
+/** Link loss: on record whenever a host has ended. It stops nothing by itself, so it is no alarm. */
+const ON_RECORD = 22;
 
 const faultList = document.getElementById("faults");
 const noteList = document.getElementById("notes");
@@ -50,7 +52,6 @@ function general() {
   if (!told("socket")?.open) lines.push(["bad", "No connection to handwheel: it stops what this page drove; if it has ended, the board does by its link timeout. The page tries again every second."]);
   else if (board && !board.connected) lines.push(["bad", `No board: ${board.why ?? "it does not answer"}`]);
   else if (board?.has_state && state && performance.now() - lastState > STALE_MS) lines.push(["bad", "The board's state has not come for a second: what you see is old"]);
-  if (state?.silent) lines.push(["warn", "The board hears no host: what moved was stopped"]);
   if (state?.obstacle) lines.push(["warn", "An obstacle is in the way: collision protection holds the wheels back"]);
   if (board?.connected && board.has_state === false && board.kind === "pms5005") lines.push(["warn", "This board tells no state of its motors (older firmware): charts show what its telemetry has"]);
   return lines;
@@ -83,7 +84,7 @@ function faultLine(fault) {
     "data-do": "clear", "aria-label": `Clear fault ${fault.name} of ${fault.whose}`,
     title: fault.motor ? "" : "clears all that is latched",
   }));
-  return el("li", { class: "bad", "data-fault": fault.number }, clear,
+  return el("li", { class: fault.number === ON_RECORD ? "" : "bad", "data-fault": fault.number }, clear,
     el("b", { text: `${capital(fault.whose)}: ${fault.name}` }),
     el("span", { text: fault.remedy ?? "" }),
     el("small", { text: `(fault ${number(fault.number)} ${about})` }));
@@ -94,7 +95,8 @@ const capital = (text) => String(text ?? "").replace(/^./, (letter) => letter.to
 export function start() {
   on("note", ({ text }) => note(text));
   on("faults", (told) => {
-    faults = told.faults ?? [];
+    const rank = (fault) => (fault.number === ON_RECORD ? 1 : 0);
+    faults = [...(told.faults ?? [])].sort((a, b) => rank(a) - rank(b) || b.ms - a.ms);
     render();
   });
   on("state", (state) => {

@@ -5,13 +5,15 @@ import { on, told } from "/link.js";
 import { button, el, entered, labelled, number, put, words, writer } from "/ui.js";
 import { attempt, note } from "/strip.js";
 import { fill, HEAD } from "/field.js";
+import { save } from "/files.js";
 import { draw } from "/curve.js";
 import { onColors } from "/chart.js";
 
 const LONGEST_MS = 60_000;
 const UNITS = { velocity: "counts/s", position: "counts" };
 const FIGURES = [
-  ["target", (s) => `${number(s.target)} ${s.unit ?? ""}`],
+  // Positions of the wire wrap; those of the chart count turn by turn.
+  ["target", (s) => `${number(s.asked)}${s.asked === s.target ? "" : `, here ${number(s.target)}`} ${s.unit ?? ""}`],
   ["rise, 10 to 90 %", (s) => (s.rise_ms === null ? "never" : `${number(s.rise_ms)} ms`)],
   ["overshoot", (s) => `${number(s.overshoot_percent, 1)} %`],
   ["settling, within 5 %", (s) => (s.settling_ms === null ? "never" : `${number(s.settling_ms)} ms`)],
@@ -19,6 +21,8 @@ const FIGURES = [
   ["limited by", (s) => words(s.why ?? "nothing")],
   ["gains", (s) => s.gains],
 ];
+
+const HINT = "A higher Kp is faster and stiffer, until it overshoots; Kd damps that; Ki takes away the error that is left, and overshoots. What is entered is in force at once, and lost at a restart unless it is saved.";
 
 const panel = document.getElementById("panel-tune");
 const fields = new Map();
@@ -35,6 +39,7 @@ let of;
 let target;
 let lasts;
 let unit;
+let unsaved;
 
 /** Those of a motor: a bank's member has its number behind its name. Joints are an arm's. */
 const isIts = ({ name }) => name.endsWith(` ${motor}`) && !name.startsWith("joint ");
@@ -75,7 +80,7 @@ async function step() {
   stepButton.classList.remove("busy");
   put(stepButton, "Step");
   if (!answer) return;
-  steps.set(its.motor, [{ unit: UNITS[name], ...answer, gains: with_ }, ...(steps.get(its.motor) ?? [])].slice(0, 2));
+  steps.set(its.motor, [{ unit: UNITS[name], ...answer, gains: with_, asked: to }, ...(steps.get(its.motor) ?? [])].slice(0, 2));
   showSteps();
 }
 
@@ -96,6 +101,7 @@ function showNow({ motors }) {
 export function start() {
   picks = [1, 2, 3, 4, 5, 6].map((n) => button(`Motor ${n}`, () => pick(n), { "data-pick": n }));
   now = el("p", { class: "now" });
+  unsaved = el("span", { class: "dim" });
   body = el("tbody");
   of = el("select", { id: "step-of" }, el("option", { value: "velocity", text: "velocity" }), el("option", { value: "position", text: "position" }));
   target = writer(el("input", { id: "step-target", type: "number", step: "any", value: 4000 }));
@@ -110,9 +116,10 @@ export function start() {
     showSettings();
   });
   panel.append(
-    el("div", { class: "picks", role: "group", "aria-label": "Which motor" }, ...picks, now),
+    el("div", { class: "picks", role: "group", "aria-label": "Which motor" }, ...picks, now, unsaved,
+      writer(button("Save", () => save(), { id: "tune-save", "aria-label": "Save all settings" }))),
     el("div", { class: "two" },
-      el("div", { class: "card scrolls" }, el("table", { class: "settings" }, HEAD(), body)),
+      el("div", { class: "card scrolls" }, el("p", { class: "dim", text: HINT }), el("table", { class: "settings" }, HEAD(), body)),
       el("div", { class: "card step" },
         el("form", { class: "line", onsubmit: (event) => {
           event.preventDefault();
@@ -122,7 +129,10 @@ export function start() {
         el("table", { id: "step-figures" }, el("thead", {}, el("tr", {}, el("td"), el("th", { scope: "col", text: "this step" }), el("th", { scope: "col", text: "the one before (faint)" }))), figures))));
   new ResizeObserver(() => showSteps()).observe(canvas);
   onColors(showSteps);
-  on("settings", showSettings);
+  on("settings", (told) => {
+    showSettings();
+    put(unsaved, told.unsaved ? "● Not saved" : "All is saved");
+  });
   on("state", showNow);
   pick(1);
 }

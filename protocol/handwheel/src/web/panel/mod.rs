@@ -131,8 +131,9 @@ impl Panel {
     /// A page is gone.
     pub fn close(&mut self, page: PageId, now: Duration) {
         self.now = now;
+        let why = format!("{} was closed", self.page_name(page));
+        self.disarm_if(page, &why);
         self.pages.retain(|(id, _)| *id != page);
-        self.disarm_if(page, "its page was closed");
     }
 
     /// A page's message.
@@ -161,7 +162,8 @@ impl Panel {
             "stop" => self.stop(asker)?,
             "arm" => self.arm(asker)?,
             "disarm" => {
-                self.disarm_if(asker.0, "its page was disarmed");
+                let why = format!("{} has disarmed", self.page_name(asker.0));
+                self.disarm_if(asker.0, &why);
                 self.answer(asker, Ok(Value::Null));
             }
             "world" => {

@@ -130,7 +130,7 @@ impl Panel {
             self.motion.armed = None;
             self.tell_armed();
             if was_driving {
-                self.note(&format!("{why}: what it drove is stopped"));
+                self.note(&format!("{why}: what it drove is stopped, and it is disarmed"));
             }
         }
     }
@@ -151,7 +151,8 @@ impl Panel {
         if let Some((page, heard)) = self.motion.armed
             && self.now > heard + limit
         {
-            self.disarm_if(page, "its page did not answer");
+            let why = format!("{} did not answer (a busy computer?)", self.page_name(page));
+            self.disarm_if(page, &why);
         }
     }
 

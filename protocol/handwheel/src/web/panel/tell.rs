@@ -20,6 +20,9 @@ const SENSORS: Duration = Duration::from_millis(100);
 /// The same of states, which come every 20 ms unless the board is told otherwise.
 const STATE: Duration = Duration::from_millis(18);
 
+/// Positions of the wire wrap here.
+const TURN: i64 = 32_768;
+
 /// What was told last, for pages that come later.
 #[derive(Default)]
 pub(super) struct Tells {
@@ -145,6 +148,12 @@ impl Panel {
                 let channel = &state.channels[motor.index()];
                 let set_point = match channel.mode {
                     Mode::Pwm => rounded(words::percent(channel.set_point), 100.0).into(),
+                    // The wire's positions wrap; it is the turn that the shaft is on.
+                    Mode::Position => {
+                        let off = i64::from(channel.position) - i64::from(channel.set_point);
+                        (i64::from(channel.set_point) + (off + TURN / 2).div_euclid(TURN) * TURN)
+                            .into()
+                    }
                     _ => Value::from(channel.set_point),
                 };
                 json!({
