@@ -12,6 +12,7 @@ pub mod display;
 pub mod line;
 pub mod multiplexers;
 pub mod pms5005;
+pub mod probe;
 pub mod servos;
 pub mod world;
 
@@ -30,6 +31,7 @@ use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::session::Session;
 use rigless::snapshot::Store;
+use rigless::soc::stm32f427::generated::{dbg, rcc};
 use rigless::soc::{Bus, Width};
 use rigless::time::VirtualNanos;
 
@@ -47,6 +49,10 @@ const INSTRUCTIONS_PER_SECOND: u64 = 168_000_000;
 /// The independent watchdog's key register, and the key that feeds.
 const IWDG_KR: u64 = 0x4000_3000;
 const FEED: u64 = 0xAAAA;
+/// The servo bus's data register.
+const USART6_DR: u64 = 0x4001_1404;
+/// Where the settings' sectors begin.
+const SETTINGS: u64 = 0x0800_4000;
 
 /// What a bench is made of.
 pub struct Make {
@@ -147,6 +153,8 @@ pub struct Stand<'a> {
     pub host: &'a mut dyn Host,
     /// When the watchdog was fed, in ns.
     pub feeds: &'a mut Vec<u64>,
+    /// Whether a probe has halted the core (`probe`).
+    is_halted: &'a mut bool,
     /// Now.
     pub now: VirtualNanos,
 }
@@ -160,6 +168,51 @@ impl Stand<'_> {
     /// Somebody presses the reset button.
     pub fn reset(&mut self) {
         self.session.reset_by_pin(self.now, 0, self.host);
+    }
+
+    /// A probe halts the core, or lets it go on.
+    pub fn halt(&mut self, is_halted: bool) {
+        if *self.is_halted != is_halted {
+            *self.is_halted = is_halted;
+            let now = self.now;
+            self.rig().chip.halt(now, is_halted);
+        }
+    }
+
+    /// The supply dips below the brown-out's level and comes back at once: a reset that only `BORRSTF`
+    /// and `PINRSTF` tell of, with RAM as it was.
+    pub fn brown_out(&mut self) {
+        self.without_supply(rcc::csr::BORRSTF.mask());
+    }
+
+    /// The supply goes and comes back, with this in the settings' sectors and anything in RAM.
+    pub fn power_cycle(&mut self, settings: &[u8]) {
+        for (at, bytes) in (SETTINGS..).step_by(4).zip(settings.as_chunks().0) {
+            let word = u64::from(u32::from_le_bytes(*bytes));
+            if self.host.read(at, Width::W32).expect("it is flash") != word {
+                self.host.program(at, Width::W32, word).expect("it is flash");
+            }
+        }
+        let mut anything = self.now.0 | 1;
+        for at in (0x2000_0000..0x2002_0000).step_by(4) {
+            anything = anything.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            self.host.write(at, Width::W32, anything >> 32).expect("it is RAM");
+        }
+        self.rig().chip.flash.journal.clear();
+        self.without_supply(rcc::csr::PORRSTF.mask() | rcc::csr::BORRSTF.mask());
+    }
+
+    /// A reset that these flags tell of, and that keeps nothing: rigless' part knows none.
+    fn without_supply(&mut self, flags: u64) {
+        use dbg::Register::{DbgmcuApb1Fz, DbgmcuApb2Fz, DbgmcuCr};
+        let bus = self.rig().chip.bus_mut();
+        let slot = |bus: &Bus, name| bus.slot_of(name).expect("the part has it");
+        let (clocks, debug) = (slot(bus, "RCC"), slot(bus, "DBG"));
+        bus.slot_mut(clocks).registers_mut().set(rcc::Register::Csr, flags);
+        for register in [DbgmcuCr, DbgmcuApb1Fz, DbgmcuApb2Fz] {
+            bus.slot_mut(debug).registers_mut().set(register, 0);
+        }
+        self.reset(); // which keeps what stands in these
     }
 }
 
@@ -176,7 +229,25 @@ struct Runner {
     stopped: Sender<()>,
     feeds: Vec<u64>,
     is_held: bool,
+    is_halted: bool,
+    /// How many there were when the core was last looked at.
+    resets: usize,
     is_waited_for: bool,
+}
+
+impl Runner {
+    /// Holds the core or lets it go.
+    fn hold(&mut self, session: &Session<Rig>, host: &mut dyn Host, now: VirtualNanos) {
+        // A reset lets go of a core that a probe has halted.
+        let resets = session.resets().len();
+        self.is_halted &= resets == std::mem::replace(&mut self.resets, resets);
+        // It stands still too while the flash that it runs from is at work.
+        let is_held = self.is_halted || now.0 < session.board().chip.flash.busy_until;
+        if is_held != self.is_held {
+            self.is_held = is_held;
+            host.hold(is_held);
+        }
+    }
 }
 
 impl Driver<Rig> for Runner {
@@ -187,17 +258,17 @@ impl Driver<Rig> for Runner {
                 if is_feed && access.address == IWDG_KR {
                     self.feeds.push(access.virtual_time.0);
                 }
+                if access.kind == AccessKind::Write && access.address == USART6_DR {
+                    let Rig { chip, world } = session.board_mut();
+                    world.servos.master_writes(access.value as u8); // 8 data bits
+                    chip.wake_at(access.virtual_time, access.virtual_time);
+                }
                 access.virtual_time
             }
             Settled::Stop(stop) => stop.at,
             _ => return,
         };
-        // The core stands still while the flash that it runs from is at work.
-        let is_held = now.0 < session.board().chip.flash.busy_until;
-        if is_held != self.is_held {
-            self.is_held = is_held;
-            host.hold(is_held);
-        }
+        self.hold(session, host, now);
     }
 
     fn on_stop(
@@ -217,8 +288,9 @@ impl Driver<Rig> for Runner {
                 }
                 Order::RunUntil(_) => self.stopped.send(()).ok()?,
                 Order::Do(act) => {
-                    let feeds = &mut self.feeds;
-                    act(&mut Stand { session, host, feeds, now: stop.at });
+                    let (feeds, is_halted) = (&mut self.feeds, &mut self.is_halted);
+                    act(&mut Stand { session, host, feeds, is_halted, now: stop.at });
+                    self.hold(session, host, stop.at);
                 }
             }
         }
@@ -281,7 +353,7 @@ impl Bench {
         let thread = std::thread::spawn(move || {
             let session = Session::new(Box::new(rig), 0, VirtualNanos(1)).expect("a target");
             let mut images = vec![image];
-            for (bytes, at) in [(make.loader, 0x1FFF_0000), (make.settings, 0x0800_4000)] {
+            for (bytes, at) in [(make.loader, 0x1FFF_0000), (make.settings, SETTINGS)] {
                 if !bytes.is_empty() {
                     let image = Image::new(Path::new("more"), bytes, Some(at));
                     images.push(image.expect("it is placed as it is"));
@@ -292,6 +364,8 @@ impl Bench {
                 stopped,
                 feeds: Vec::new(),
                 is_held: false,
+                is_halted: false,
+                resets: 0,
                 is_waited_for: false,
             };
             if let Err(error) = emulator::run(session, &Start::new(&images), runner) {
@@ -338,6 +412,11 @@ impl Bench {
             };
             (address..).step_by(2).zip(code).map(put).collect()
         })
+    }
+
+    /// The image's file.
+    pub fn elf(&self) -> &[u8] {
+        &self.elf
     }
 
     fn order(&self, order: Order) {
