@@ -14,6 +14,7 @@ pub mod multiplexers;
 pub mod pms5005;
 pub mod probe;
 pub mod servos;
+mod stand;
 pub mod world;
 
 use std::num::{NonZeroU32, NonZeroU64};
@@ -31,7 +32,6 @@ use rigless::machine::{Board, Target, armv7m};
 use rigless::mcu::{Mcu, Operate};
 use rigless::session::Session;
 use rigless::snapshot::Store;
-use rigless::soc::stm32f427::generated::{dbg, rcc};
 use rigless::soc::{Bus, Width};
 use rigless::time::VirtualNanos;
 
@@ -41,6 +41,7 @@ use display::Display;
 use line::Line;
 use multiplexers::Multiplexers;
 use servos::Servos;
+pub use stand::Stand;
 use world::World;
 
 /// Instructions that the core executes in a second: one a clock, which no silicon with wait states
@@ -142,77 +143,6 @@ impl Board for Rig {
         let windows = rigless::cpu::armv7m::windows(self.chip.bus());
         let spec = core.spec_with_parts(&windows, armv7m::Fpu::FpV4Sp, armv7m::MpuRegions::Eight);
         vec![Target::new("stm32f407", self, spec)]
-    }
-}
-
-/// A stop, at which the test may look at everything and change it.
-pub struct Stand<'a> {
-    /// rigless' session: its reports, and the rig as [`rig`](Self::rig) gives it.
-    pub session: &'a mut Session<Rig>,
-    /// The core's memory.
-    pub host: &'a mut dyn Host,
-    /// When the watchdog was fed, in ns.
-    pub feeds: &'a mut Vec<u64>,
-    /// Whether a probe has halted the core (`probe`).
-    is_halted: &'a mut bool,
-    /// Now.
-    pub now: VirtualNanos,
-}
-
-impl Stand<'_> {
-    /// The part and the world.
-    pub fn rig(&mut self) -> &mut Rig {
-        self.session.board_mut()
-    }
-
-    /// Somebody presses the reset button.
-    pub fn reset(&mut self) {
-        self.session.reset_by_pin(self.now, 0, self.host);
-    }
-
-    /// A probe halts the core, or lets it go on.
-    pub fn halt(&mut self, is_halted: bool) {
-        if *self.is_halted != is_halted {
-            *self.is_halted = is_halted;
-            let now = self.now;
-            self.rig().chip.halt(now, is_halted);
-        }
-    }
-
-    /// The supply dips below the brown-out's level and comes back at once: a reset that only `BORRSTF`
-    /// and `PINRSTF` tell of, with RAM as it was.
-    pub fn brown_out(&mut self) {
-        self.without_supply(rcc::csr::BORRSTF.mask());
-    }
-
-    /// The supply goes and comes back, with this in the settings' sectors and anything in RAM.
-    pub fn power_cycle(&mut self, settings: &[u8]) {
-        for (at, bytes) in (SETTINGS..).step_by(4).zip(settings.as_chunks().0) {
-            let word = u64::from(u32::from_le_bytes(*bytes));
-            if self.host.read(at, Width::W32).expect("it is flash") != word {
-                self.host.program(at, Width::W32, word).expect("it is flash");
-            }
-        }
-        let mut anything = self.now.0 | 1;
-        for at in (0x2000_0000..0x2002_0000).step_by(4) {
-            anything = anything.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            self.host.write(at, Width::W32, anything >> 32).expect("it is RAM");
-        }
-        self.rig().chip.flash.journal.clear();
-        self.without_supply(rcc::csr::PORRSTF.mask() | rcc::csr::BORRSTF.mask());
-    }
-
-    /// A reset that these flags tell of, and that keeps nothing: rigless' part knows none.
-    fn without_supply(&mut self, flags: u64) {
-        use dbg::Register::{DbgmcuApb1Fz, DbgmcuApb2Fz, DbgmcuCr};
-        let bus = self.rig().chip.bus_mut();
-        let slot = |bus: &Bus, name| bus.slot_of(name).expect("the part has it");
-        let (clocks, debug) = (slot(bus, "RCC"), slot(bus, "DBG"));
-        bus.slot_mut(clocks).registers_mut().set(rcc::Register::Csr, flags);
-        for register in [DbgmcuCr, DbgmcuApb1Fz, DbgmcuApb2Fz] {
-            bus.slot_mut(debug).registers_mut().set(register, 0);
-        }
-        self.reset(); // which keeps what stands in these
     }
 }
 
