@@ -172,6 +172,16 @@ impl ServoBus {
         socket.answer.clear();
     }
 
+    /// Whether the master hears itself.
+    pub fn has_echo(&self) -> bool {
+        self.make.echo
+    }
+
+    /// Whether a servo has something to say, or is saying it.
+    pub fn is_talking(&self, index: usize) -> bool {
+        !self.sockets[index].answer.is_empty()
+    }
+
     /// Plugs a servo in again: it has just been switched on.
     pub fn plug(&mut self, index: usize) {
         let socket = &mut self.sockets[index];

@@ -10,6 +10,8 @@ use protocol::arcos::{
 use protocol::deframe::Deframer;
 
 const IMAGE: &str = "pioneer-arm-f407";
+/// Where joints 1 to 6 are sent, in ticks: each somewhere else, on both sides of home.
+const PLACES: [u8; 6] = [60, 97, 111, 150, 183, 206];
 
 struct Host {
     bench: Bench,
@@ -74,9 +76,9 @@ fn a_session_from_sync0_to_close_moves_every_joint_at_9600_baud() {
     let power = ArmCommand::Power(true).encode(&mut [0; 9]).unwrap().to_vec();
     host.send(&power);
     host.heard(100);
-    for joint in 1..=6 {
+    for (joint, ticks) in (1..).zip(PLACES) {
         let joint = JointNumber::new(joint).unwrap();
-        let go = ArmCommand::Position { joint, ticks: 150 }.encode(&mut [0; 9]).unwrap().to_vec();
+        let go = ArmCommand::Position { joint, ticks }.encode(&mut [0; 9]).unwrap().to_vec();
         host.send(&go);
         host.heard(60);
     }
@@ -89,15 +91,17 @@ fn a_session_from_sync0_to_close_moves_every_joint_at_9600_baud() {
     host.send(&ask);
     let (_, data) =
         host.heard(100).into_iter().find(|(id, _)| *id == ArmStatus::ID).expect("ARMpac");
-    assert_eq!(data[2..8], [150; 6], "all joints are where they were sent");
+    assert_eq!(data[2..8], PLACES, "all joints are where they were sent");
     let pulses = host.bench.with(|stand| {
         let chip = &mut stand.rig().chip;
-        F407.servos.map(|output| chip.pulses(output).expect("a pulse").width_ns / 1000.0)
+        F407.servos.map(|output| chip.pulses(output).expect("a pulse"))
     });
-    for (joint, width) in pulses.into_iter().enumerate() {
-        // 0.59 to 2.41 ms for 0 to 255 ticks.
-        let wanted = 590.0 + 150.0 * (2410.0 - 590.0) / 255.0;
-        assert!((width - wanted).abs() < 30.0, "joint {}: {width} us, not {wanted}", joint + 1);
+    for (joint, (pulses, ticks)) in pulses.into_iter().zip(PLACES).enumerate() {
+        // 0.59 to 2.41 ms for 0 to 255 ticks, 7 us a tick.
+        let (width, wanted) =
+            (pulses.width_ns / 1000.0, 590.0 + f64::from(ticks) * (2410.0 - 590.0) / 255.0);
+        assert!((width - wanted).abs() < 4.0, "joint {}: {width} us, not {wanted}", joint + 1);
+        assert!((pulses.period_ns - 20e6).abs() < 1e4, "joint {}: {pulses:?}", joint + 1);
     }
     // An arm whose cable is lost goes home, and then has no power.
     host.bench.with(|stand| stand.rig().world.plant.overrides.gpio_in = Some(0xFF));

@@ -232,3 +232,57 @@ fn the_stack_s_high_water_mark_is_the_deepest_word_that_was_ever_used() {
     host.bench.with(|stand| stand.host.write(STACK.start + 0x100, Width::W32, 0).unwrap());
     assert_eq!(u64::from(host.health().stack_used), STACK.end - STACK.start - 0x100);
 }
+
+#[test]
+fn a_save_while_a_host_talks_loses_no_byte_and_costs_no_period() {
+    let mut host = Host::boot(IMAGE);
+    let counters = |host: &mut Host| {
+        host.ask(Request::Counters, |answer| match answer {
+            Answer::Counters(counters) => Some(counters),
+            _ => None,
+        })
+    };
+    let before = (counters(&mut host), host.health().periods_missed);
+    host.run_for(50);
+    host.heard();
+    let fed = host.bench.with(|stand| stand.feeds.len());
+    // What the board knows nothing of, 12 bytes each: it acknowledges every one.
+    let (mut sent, mut acks, mut saves) = (0, 0, 0);
+    let mut count = |host: &mut Host| {
+        for frame in host.heard() {
+            acks += u32::from(frame.is_ack());
+            saves += match frame.answer() {
+                Some(Answer::Outcome(outcome)) => u32::from(outcome.verdict == Verdict::Done),
+                _ => 0,
+            };
+        }
+    };
+    for ms in 0..500 {
+        if ms % 100 == 50 {
+            host.send(Command::Extension(Request::Do(Action::Save)));
+            sent += 1;
+        }
+        while host.bench.line.pending() < 64 {
+            host.send_raw(31, &[1, 2, 3]);
+            sent += 1;
+        }
+        host.run_for(1);
+        count(&mut host);
+    }
+    while !host.bench.line.is_idle() {
+        host.run_for(1);
+    }
+    host.run_for(300);
+    count(&mut host);
+    let longest = host.bench.with(move |stand| {
+        stand.feeds[fed..].windows(2).map(|pair| pair[1] - pair[0]).max().unwrap()
+    });
+    let after = (counters(&mut host), host.health().periods_missed);
+    println!("{sent} frames, {acks} acknowledged, {saves} saves, a period of {longest} ns");
+    assert_eq!((saves, acks), (5, sent), "each is acknowledged");
+    assert_eq!(work(&host).1, 0, "none of them has erased");
+    assert_eq!(after.0.line_errors, before.0.line_errors);
+    assert_eq!(after.0.bytes_skipped, before.0.bytes_skipped);
+    assert_eq!(after.1, before.1, "no period was missed");
+    assert!(longest < 1_500_000, "{longest} ns");
+}

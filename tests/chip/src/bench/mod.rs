@@ -12,7 +12,9 @@ pub mod display;
 pub mod line;
 pub mod multiplexers;
 pub mod pms5005;
+pub mod probe;
 pub mod servos;
+mod stand;
 pub mod world;
 
 use std::num::{NonZeroU32, NonZeroU64};
@@ -39,6 +41,7 @@ use display::Display;
 use line::Line;
 use multiplexers::Multiplexers;
 use servos::Servos;
+pub use stand::Stand;
 use world::World;
 
 /// Instructions that the core executes in a second: one a clock, which no silicon with wait states
@@ -47,6 +50,10 @@ const INSTRUCTIONS_PER_SECOND: u64 = 168_000_000;
 /// The independent watchdog's key register, and the key that feeds.
 const IWDG_KR: u64 = 0x4000_3000;
 const FEED: u64 = 0xAAAA;
+/// The servo bus's data register.
+const USART6_DR: u64 = 0x4001_1404;
+/// Where the settings' sectors begin.
+const SETTINGS: u64 = 0x0800_4000;
 
 /// What a bench is made of.
 pub struct Make {
@@ -139,30 +146,6 @@ impl Board for Rig {
     }
 }
 
-/// A stop, at which the test may look at everything and change it.
-pub struct Stand<'a> {
-    /// rigless' session: its reports, and the rig as [`rig`](Self::rig) gives it.
-    pub session: &'a mut Session<Rig>,
-    /// The core's memory.
-    pub host: &'a mut dyn Host,
-    /// When the watchdog was fed, in ns.
-    pub feeds: &'a mut Vec<u64>,
-    /// Now.
-    pub now: VirtualNanos,
-}
-
-impl Stand<'_> {
-    /// The part and the world.
-    pub fn rig(&mut self) -> &mut Rig {
-        self.session.board_mut()
-    }
-
-    /// Somebody presses the reset button.
-    pub fn reset(&mut self) {
-        self.session.reset_by_pin(self.now, 0, self.host);
-    }
-}
-
 type Act = Box<dyn FnOnce(&mut Stand<'_>) + Send>;
 
 enum Order {
@@ -176,7 +159,25 @@ struct Runner {
     stopped: Sender<()>,
     feeds: Vec<u64>,
     is_held: bool,
+    is_halted: bool,
+    /// How many there were when the core was last looked at.
+    resets: usize,
     is_waited_for: bool,
+}
+
+impl Runner {
+    /// Holds the core or lets it go.
+    fn hold(&mut self, session: &Session<Rig>, host: &mut dyn Host, now: VirtualNanos) {
+        // A reset lets go of a core that a probe has halted.
+        let resets = session.resets().len();
+        self.is_halted &= resets == std::mem::replace(&mut self.resets, resets);
+        // It stands still too while the flash that it runs from is at work.
+        let is_held = self.is_halted || now.0 < session.board().chip.flash.busy_until;
+        if is_held != self.is_held {
+            self.is_held = is_held;
+            host.hold(is_held);
+        }
+    }
 }
 
 impl Driver<Rig> for Runner {
@@ -187,17 +188,17 @@ impl Driver<Rig> for Runner {
                 if is_feed && access.address == IWDG_KR {
                     self.feeds.push(access.virtual_time.0);
                 }
+                if access.kind == AccessKind::Write && access.address == USART6_DR {
+                    let Rig { chip, world } = session.board_mut();
+                    world.servos.master_writes(access.value as u8); // 8 data bits
+                    chip.wake_at(access.virtual_time, access.virtual_time);
+                }
                 access.virtual_time
             }
             Settled::Stop(stop) => stop.at,
             _ => return,
         };
-        // The core stands still while the flash that it runs from is at work.
-        let is_held = now.0 < session.board().chip.flash.busy_until;
-        if is_held != self.is_held {
-            self.is_held = is_held;
-            host.hold(is_held);
-        }
+        self.hold(session, host, now);
     }
 
     fn on_stop(
@@ -217,8 +218,9 @@ impl Driver<Rig> for Runner {
                 }
                 Order::RunUntil(_) => self.stopped.send(()).ok()?,
                 Order::Do(act) => {
-                    let feeds = &mut self.feeds;
-                    act(&mut Stand { session, host, feeds, now: stop.at });
+                    let (feeds, is_halted) = (&mut self.feeds, &mut self.is_halted);
+                    act(&mut Stand { session, host, feeds, is_halted, now: stop.at });
+                    self.hold(session, host, stop.at);
                 }
             }
         }
@@ -281,7 +283,7 @@ impl Bench {
         let thread = std::thread::spawn(move || {
             let session = Session::new(Box::new(rig), 0, VirtualNanos(1)).expect("a target");
             let mut images = vec![image];
-            for (bytes, at) in [(make.loader, 0x1FFF_0000), (make.settings, 0x0800_4000)] {
+            for (bytes, at) in [(make.loader, 0x1FFF_0000), (make.settings, SETTINGS)] {
                 if !bytes.is_empty() {
                     let image = Image::new(Path::new("more"), bytes, Some(at));
                     images.push(image.expect("it is placed as it is"));
@@ -292,6 +294,8 @@ impl Bench {
                 stopped,
                 feeds: Vec::new(),
                 is_held: false,
+                is_halted: false,
+                resets: 0,
                 is_waited_for: false,
             };
             if let Err(error) = emulator::run(session, &Start::new(&images), runner) {
@@ -338,6 +342,11 @@ impl Bench {
             };
             (address..).step_by(2).zip(code).map(put).collect()
         })
+    }
+
+    /// The image's file.
+    pub fn elf(&self) -> &[u8] {
+        &self.elf
     }
 
     fn order(&self, order: Order) {

@@ -170,8 +170,15 @@ impl Host {
 
     /// Sets a setting by its number.
     pub fn set(&mut self, number: u16, value: i32) {
+        self.set_all(&[(number, value)]);
+    }
+
+    /// Sets some settings by their numbers, all at once.
+    pub fn set_all(&mut self, values: &[(u16, i32)]) {
         let mut data = Data::new();
-        Assignments::emit(number, value, &mut data).expect("one fits");
+        for &(number, value) in values {
+            Assignments::emit(number, value, &mut data).expect("they fit");
+        }
         let assignments = Assignments::parse(&data).expect("what was just emitted");
         assert_eq!(self.outcome(Request::Set(assignments)), Verdict::Done);
     }

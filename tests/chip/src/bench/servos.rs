@@ -7,7 +7,8 @@
 //!
 //! | left out | source | reason |
 //! |---|---|---|
-//! | the moment at which a byte is heard | | 10 us late, a byte: rigless tells of one at its end, and offers one at its beginning |
+//! | an echo that a servo's byte has garbled | | what is written to the data register is heard as it goes out: rigless is offered a byte at its beginning |
+//! | a master that begins in a byte of a servo's | | that byte is heard as it was |
 //! | a driver that holds the wire against another | 30.3.10 | bytes collide, levels do not |
 
 use std::collections::VecDeque;
@@ -34,6 +35,8 @@ pub struct Servos {
     pub is_one_wire: Arc<AtomicBool>,
     /// What the master has sent: the end of the stop bit, the byte.
     pub sent: Arc<Mutex<Vec<Timed>>>,
+    /// Written to the transmitter, and not heard yet.
+    outgoing: Arc<Mutex<VecDeque<u8>>>,
     heard: VecDeque<Timed>,
 }
 
@@ -44,6 +47,7 @@ impl Servos {
             bus: Arc::new(Mutex::new(bus)),
             is_one_wire: Arc::default(),
             sent: Arc::default(),
+            outgoing: Arc::default(),
             heard: VecDeque::new(),
         }
     }
@@ -52,6 +56,22 @@ impl Servos {
 impl fmt::Debug for Servos {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Servos")
+    }
+}
+
+impl Servos {
+    /// The master has written a byte to its transmitter: it is heard from its first bit on.
+    pub fn master_writes(&self, byte: u8) {
+        if self.bus.lock().unwrap().has_echo() {
+            self.outgoing.lock().unwrap().push_back(byte);
+        }
+    }
+
+    /// What is on the wire now is known; asks for a look when the next byte of a servo's begins.
+    fn look_ahead(bus: &mut ServoBus, context: &mut Timeline<'_, '_>) {
+        if let Some(next) = bus.next_ns() {
+            context.schedule(VirtualNanos(context.now().0.max(next - BYTE_NS)));
+        }
     }
 }
 
@@ -64,24 +84,28 @@ impl Peer for Servos {
         let mut bus = self.bus.lock().unwrap();
         bus.send(now - BYTE_NS, &[word as u8]);
         bus.advance_to(now);
-        if let Some(next) = bus.next_ns() {
-            context.schedule(VirtualNanos(next));
-        }
+        Self::look_ahead(&mut bus, context);
+    }
+
+    /// What the transmitter still had is gone.
+    fn restarted(&mut self, _: &mut Timeline<'_, '_>) {
+        self.outgoing.lock().unwrap().clear();
     }
 
     fn on_event(&mut self, _: rigless::time::EventId, context: &mut Timeline<'_, '_>) {
         let mut bus = self.bus.lock().unwrap();
-        bus.advance_to(context.now().0);
-        if let Some(next) = bus.next_ns() {
-            context.schedule(VirtualNanos(next));
-        }
+        bus.advance_to(context.now().0 + BYTE_NS);
+        Self::look_ahead(&mut bus, context);
     }
 
     fn transmit(&mut self, now: VirtualNanos) -> Option<u16> {
         let mut bus = self.bus.lock().unwrap();
-        bus.advance_to(now.0);
-        self.heard.extend(std::iter::from_fn(|| bus.receive()));
-        let byte = self.heard.pop_front()?.1;
+        bus.advance_to(now.0 + BYTE_NS);
+        let sent = self.sent.lock().unwrap();
+        let is_echo = |end: u64| sent.iter().rev().take(4).any(|byte| byte.0 == end);
+        self.heard.extend(std::iter::from_fn(|| bus.receive()).filter(|&(end, _)| !is_echo(end)));
+        let echo = self.outgoing.lock().unwrap().pop_front();
+        let byte = echo.or_else(|| self.heard.pop_front().map(|(_, byte)| byte))?;
         self.is_one_wire.load(Ordering::Relaxed).then_some(byte.into())
     }
 }

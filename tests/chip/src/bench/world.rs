@@ -154,7 +154,8 @@ pub struct World {
     pub turned: Vec<(u64, bool)>,
     /// How many bits the display still waits for, holding its data line low until it has them.
     pub stuck_bits: u32,
-    servos: Servos,
+    /// The servo bus.
+    pub servos: Servos,
     edges: BinaryHeap<Edge>,
     driven: BTreeMap<Line, bool>,
     counts: [i64; 2],

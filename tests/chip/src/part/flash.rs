@@ -8,12 +8,14 @@
 //! | programming | a store while `PG` stands ANDs into the array, 32 bits at a time with `PSIZE` 2, and takes 16 us; another width is `PGPERR` | 3.6.2, data sheet table 40 | `flash.rs` |
 //! | sector erase | `SER`, `SNB`, `STRT`: the sector's bytes are 0xFF after 250 ms for 16 KiB, 550 for 64, 1000 for 128 | 3.6.3, data sheet table 40 | `flash.rs` |
 //! | `BSY` | while one of them runs; the core stands still meanwhile, since it fetches from the flash (the bench holds it) | 3.6, 3.9.5 | `flash.rs` |
+//! | a reset meanwhile | the word, or the sector, stays as it was | 3.6.2, 3.6.3 | `power.rs` |
 //! | `SR` | a written one clears an error | 3.9.5 | `flash.rs` |
 //! | `ACR` | stored | 3.9.1 | `boot.rs` |
 //!
 //! | left out | source | reason |
 //! |---|---|---|
 //! | mass erase, option bytes, protection | 3.6.3, 3.7 | no image uses them |
+//! | what a word or a sector is when power is lost while it is written | | not known; a test makes it up from `journal` |
 //! | wait states, prefetch, caches | 3.5 | time here is a fixed number of instructions a second |
 //! | spread of the times, wear | data sheet table 40 | the typical time; its limits are in the code's comments |
 
@@ -41,6 +43,20 @@ enum Work {
     Erase { sector: u64 },
 }
 
+/// What has become of the array.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// A word is this now.
+    Word {
+        /// Where it is.
+        address: u64,
+        /// What is there.
+        value: u64,
+    },
+    /// A sector is blank, by its number.
+    Erased(u64),
+}
+
 /// The interface.
 #[derive(Debug)]
 pub struct Flash {
@@ -58,6 +74,10 @@ pub struct Flash {
     pub erased: Vec<u64>,
     /// Nothing changes in the array any more, though everything takes its time.
     pub is_worn_out: bool,
+    /// What has become of the array since power on, in its order.
+    pub journal: Vec<Change>,
+    /// How many words will still be programmed: the one behind them is never finished, until a reset.
+    pub hangs_after: Option<u64>,
 }
 
 impl Default for Flash {
@@ -71,6 +91,8 @@ impl Default for Flash {
             erases: 0,
             erased: Vec::new(),
             is_worn_out: false,
+            journal: Vec::new(),
+            hangs_after: None,
         }
     }
 }
@@ -85,6 +107,13 @@ impl Flash {
     ) {
         let status = registers.get(Register::Sr);
         registers.set(Register::Sr, sr::BSY.set(status, 1));
+        if let (Some(left), Work::Program { .. }) = (&mut self.hangs_after, work) {
+            let Some(fewer) = left.checked_sub(1) else {
+                self.busy_until = u64::MAX;
+                return;
+            };
+            *left = fewer;
+        }
         self.busy_until = context.now().0 + ns;
         self.work = Some((context.schedule(VirtualNanos(self.busy_until)), work));
     }
@@ -176,6 +205,7 @@ impl Device for Flash {
                 if self.is_worn_out {
                     return;
                 }
+                self.journal.push(Change::Erased(number));
                 let (begin, bytes, _) = sector(number);
                 for address in (begin..begin + bytes).step_by(4) {
                     context.program(address, Width::W32, 0xFFFF_FFFF, 0);
@@ -194,16 +224,19 @@ impl Device for Flash {
     ) {
         let (address, word) = (token >> 32, token & 0xFFFF_FFFF);
         if address != 0 && !self.is_worn_out {
+            self.journal.push(Change::Word { address, value: value & word });
             context.program(address, Width::W32, value & word, 0);
         }
     }
 
+    /// Work that is under way ends with nothing done.
     fn reset(&mut self) {
         *self = Self {
             words: self.words,
             erases: self.erases,
             erased: std::mem::take(&mut self.erased),
             is_worn_out: self.is_worn_out,
+            journal: std::mem::take(&mut self.journal),
             ..Self::default()
         };
     }

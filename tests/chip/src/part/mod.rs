@@ -18,6 +18,7 @@
 //! | PWR's VOS of the F407 | one bit where the F427 has two: written and read back here all the same |
 //! | interrupt lines from 82 on | the F407 has none, and no image names one |
 //! | wait states, caches, bus contention | time is a fixed number of instructions a second, chosen by the bench |
+//! | what a halted core stops besides the watchdog and TIM5 (`halt`) | no image freezes anything else |
 //! | half duplex of the UARTs | the bench puts the echo on the wire, if `HDSEL` stands (`bench::servos`) |
 
 pub mod clocks;
@@ -234,6 +235,26 @@ impl Stm32f407 {
     pub fn wake_at(&mut self, now: VirtualNanos, at: VirtualNanos) {
         let slot = self.slots[0];
         self.part.bus_mut().drive(now, slot).1.schedule(at);
+    }
+
+    /// A probe halts the core, or lets it go: of what `DBGMCU_APB1_FZ` names the watchdog and TIM5 stand
+    /// still meanwhile, everything else goes on (RM0090 section 38.16.4). The clocks are those of a board
+    /// that has started.
+    pub fn halt(&mut self, now: VirtualNanos, is_halted: bool) {
+        use dbg::dbgmcu_apb1_fz::{DBG_IWDEG_STOP, DBG_TIM5_STOP};
+        let frozen = self.register("DBG", dbg::Register::DbgmcuApb1Fz);
+        let lsi_hz = self.part.rcc.lsi_hz();
+        let all =
+            [("IWDG", DBG_IWDEG_STOP, lsi_hz), ("TIM5", DBG_TIM5_STOP, pulses::APB1_HZ as u64)];
+        for (instance, freezes, hz) in all {
+            if freezes.is_set(frozen) {
+                let slot = self.part.bus().slot_of(instance).expect("the part has it");
+                let (bus, model) = self.part.split(slot);
+                let (registers, mut context) = bus.drive(now, slot);
+                let model = model.expect("rigless models it");
+                model.on_clock(if is_halted { 0 } else { hz }, registers, &mut context);
+            }
+        }
     }
 
     /// A register as it stands.

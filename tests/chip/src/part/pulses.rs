@@ -7,7 +7,7 @@ use rigless::soc::stm32f427::generated::{tim1, tim2, tim9};
 use super::Stm32f407;
 
 /// What the timers of each bus count at under every image's clock tree.
-const APB1_HZ: f64 = 84e6;
+pub(super) const APB1_HZ: f64 = 84e6;
 const APB2_HZ: f64 = 168e6;
 
 /// A timer's channel on a pin: port, pin, alternate function, timer, channel from 1.
