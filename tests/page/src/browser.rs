@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 
 use fantoccini::actions::{InputSource, KeyAction, KeyActions};
 use fantoccini::elements::Element;
-use fantoccini::error::CmdError;
+use fantoccini::error::{CmdError, ErrorStatus};
 use fantoccini::wd::{WebDriverCompatibleCommand, WindowHandle};
 use fantoccini::{Client, ClientBuilder, Locator};
 use http::Method;
@@ -18,7 +18,7 @@ use serde_json::{Map, Value, json};
 use tokio::runtime::{Builder, Runtime};
 use url::{ParseError, Url};
 
-use crate::{GLANCE, PATIENCE};
+use crate::{GLANCE, PATIENCE, until};
 
 /// In CSS pixels.
 const SIZE: (u32, u32) = (1280, 720);
@@ -28,7 +28,7 @@ pub struct Browser {
     runtime: Runtime,
     client: Client,
     /// Last: it ends after Chromium.
-    driver: Driver,
+    _driver: Driver,
 }
 
 struct Driver(Child);
@@ -95,15 +95,11 @@ impl Browser {
         let client = runtime
             .block_on(builder.capabilities(wanted).connect(&address))
             .expect("Chromium starts");
-        Self { runtime, client, driver }
+        Self { runtime, client, _driver: driver }
     }
 
     #[track_caller]
-    fn run<T>(
-        &self,
-        what: impl Display,
-        future: impl Future<Output = Result<T, CmdError>>,
-    ) -> T {
+    fn run<T>(&self, what: impl Display, future: impl Future<Output = Result<T, CmdError>>) -> T {
         let limited = async { tokio::time::timeout(2 * PATIENCE, future).await };
         match self.runtime.block_on(limited) {
             Ok(Ok(value)) => value,
@@ -125,7 +121,8 @@ impl Browser {
     /// Opens an address in this tab.
     #[track_caller]
     pub fn open(&self, address: &str) {
-        let screen = json!({ "width": SIZE.0, "height": SIZE.1, "deviceScaleFactor": 1, "mobile": false });
+        let screen =
+            json!({ "width": SIZE.0, "height": SIZE.1, "deviceScaleFactor": 1, "mobile": false });
         self.devtools("Emulation.setDeviceMetricsOverride", screen);
         if let Some(file) = std::env::var_os("SABOTAGE") {
             let source = std::fs::read_to_string(file).expect("SABOTAGE");
@@ -172,11 +169,24 @@ impl Browser {
         self.run(selector, wait.for_element(Locator::Css(selector)))
     }
 
-    /// Clicks on the middle of it.
+    /// Clicks on the middle of it, once it is in view.
     #[track_caller]
     pub fn click(&self, selector: &str) {
         let element = self.element(selector);
-        self.run(selector, element.click());
+        until(&format!("{selector} in view"), || {
+            let click = async {
+                match element.click().await {
+                    Ok(()) => Ok(Some(())),
+                    Err(CmdError::Standard(error))
+                        if error.error == ErrorStatus::ElementNotInteractable =>
+                    {
+                        Ok(None)
+                    }
+                    Err(error) => Err(error),
+                }
+            };
+            self.run(selector, click)
+        });
     }
 
     /// Types behind what an input holds.

@@ -13,7 +13,6 @@ use crate::until;
 /// How often a drive is tried that the server ends because the page "did not answer": see the
 /// [crate](crate).
 const TRIES: usize = 3;
-const DID_NOT_ANSWER: &str = "did not answer";
 
 /// Where a screenshot is kept.
 pub fn screenshot_file(name: &str) -> PathBuf {
@@ -91,6 +90,12 @@ impl Desk {
         self.js(script, &[json!(part)]).as_u64().unwrap()
     }
 
+    /// How often the server has ended a drive because the page was not heard for 250 ms.
+    #[track_caller]
+    pub fn absences(&self) -> u64 {
+        self.notes("its page did not answer")
+    }
+
     /// Arms this page, if it is not.
     #[track_caller]
     pub fn arm(&self) {
@@ -112,14 +117,14 @@ impl Desk {
     #[track_caller]
     pub fn drive_until(&self, velocity: i32, is_seen: impl Fn(&Value) -> bool) {
         for _ in 0..TRIES {
-            let before = self.notes(DID_NOT_ANSWER);
+            let before = self.absences();
             self.arm();
             self.press_drive(velocity);
             let is_driven = until("motor 1 is driven", || {
                 if is_seen(&self.board.truth()) {
                     return Some(true);
                 }
-                (self.notes(DID_NOT_ANSWER) > before).then_some(false)
+                (self.absences() > before).then_some(false)
             });
             if is_driven {
                 return;
@@ -144,9 +149,9 @@ impl Desk {
     pub fn while_driving<T>(&self, velocity: i32, mut act: impl FnMut() -> T) -> T {
         for _ in 0..TRIES {
             self.drive(velocity);
-            let before = self.notes(DID_NOT_ANSWER);
+            let before = self.absences();
             let seen = act();
-            if self.notes(DID_NOT_ANSWER) == before {
+            if self.absences() == before {
                 return seen;
             }
         }
@@ -156,7 +161,7 @@ impl Desk {
     /// Waits until whatever the page has said so far has been obeyed.
     #[track_caller]
     pub fn until_heard(&self) {
-        self.js_async("const { ask } = await import('/link.js'); await ask('backup');");
+        self.js_async("const { ask } = await import('/link.js'); await ask('settings');");
     }
 
     /// Keeps a picture of what is in view.

@@ -27,8 +27,8 @@ use std::time::{Duration, Instant};
 
 /// How long to wait for anything.
 pub const PATIENCE: Duration = Duration::from_secs(60);
-/// Between two looks.
-pub const GLANCE: Duration = Duration::from_millis(20);
+/// Between two looks: each takes some of the time in which the page says that it is alive.
+pub const GLANCE: Duration = Duration::from_millis(50);
 
 /// Waits until `look` sees something; panics with `what` if it never does.
 #[track_caller]

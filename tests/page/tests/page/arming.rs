@@ -12,7 +12,10 @@ fn the_page_connects_and_is_disarmed_with_every_control_that_writes_disabled() {
     assert!(!desk.text("#title").is_empty());
     desk.until_text("#batteries", "V");
     desk.until_text("#faults", "No faults");
-    assert_eq!((desk.body("armed").as_str(), desk.attribute("#arm", "aria-checked").as_str()), ("no", "false"));
+    assert_eq!(
+        (desk.body("armed").as_str(), desk.attribute("#arm", "aria-checked").as_str()),
+        ("no", "false")
+    );
     // The settings' inputs are there when the board has told its settings.
     until("settings", || (desk.count("[data-setting]") > 50).then_some(()));
     let controls = desk.count("[data-writes]");
@@ -43,7 +46,10 @@ fn a_second_page_is_refused_by_the_name_of_the_first() {
     desk.click("#arm");
     let refusal = desk.until_text("#notes li.error", &name);
     assert!(refusal.contains(&format!("{name} is armed: disarm it there first")), "{refusal}");
-    assert_eq!((desk.body("armed").as_str(), desk.count("[data-writes]:not(:disabled)")), ("elsewhere", 0));
+    assert_eq!(
+        (desk.body("armed").as_str(), desk.count("[data-writes]:not(:disabled)")),
+        ("elsewhere", 0)
+    );
 
     // Given back there, it can be had here.
     let second = desk.window();
@@ -80,7 +86,10 @@ fn a_page_that_hangs_is_stopped_and_disarmed() {
     let desk = Desk::open();
     // The server's doing, and not the page's: a script keeps the page's own thread busy.
     desk.drive(4000);
-    desk.js("setTimeout(() => { for (const end = Date.now() + 3000; Date.now() < end;); }, 0);", &[]);
+    desk.js(
+        "setTimeout(() => { for (const end = Date.now() + 3000; Date.now() < end;); }, 0);",
+        &[],
+    );
     desk.board.until_it_stands();
     desk.until_text("#notes", "its page did not answer: what it drove is stopped");
     desk.until_it_is("armed", "no");

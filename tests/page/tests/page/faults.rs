@@ -11,7 +11,8 @@ fn a_jam_set_on_the_page_shows_as_a_fault_in_words_until_it_is_cleared() {
     desk.click("[data-jam='1']");
     until("the jam", || (desk.attribute("[data-jam='1']", "aria-pressed") == "true").then_some(()));
 
-    let has_fault = |truth: &Value| truth["faults"].as_array().is_some_and(|faults| !faults.is_empty());
+    let has_fault =
+        |truth: &Value| truth["faults"].as_array().is_some_and(|faults| !faults.is_empty());
     desk.drive_until(4000, has_fault);
     let words = desk.until_text("#faults [data-fault]", "Motor 1: ");
     assert!(words.contains("stall"), "{words}");

@@ -7,7 +7,10 @@ const HEIGHT: usize = 64;
 
 /// A picture without any symmetry: a frame on two sides, a block, and specks.
 fn is_dark(x: usize, y: usize) -> bool {
-    x == 0 || y == HEIGHT - 1 || (20..30).contains(&x) && y < 9 || (x * x + 7 * x * y + 3 * y) % 11 == 0
+    x == 0
+        || y == HEIGHT - 1
+        || (20..30).contains(&x) && y < 9
+        || (x * x + 7 * x * y + 3 * y) % 11 == 0
 }
 
 /// The picture as the file of an uncompressed BMP: 24 bits a pixel, the lowest row first.
@@ -44,7 +47,8 @@ fn shown(desk: &Desk) -> Vec<bool> {
 fn a_picture_is_on_the_boards_lcd_pixel_by_pixel_and_on_the_page() {
     let desk = Desk::open();
     let truth = || held(desk.board.truth()["lcd"].as_str().unwrap());
-    let picture: Vec<bool> = (0..WIDTH * HEIGHT).map(|at| is_dark(at % WIDTH, at / WIDTH)).collect();
+    let picture: Vec<bool> =
+        (0..WIDTH * HEIGHT).map(|at| is_dark(at % WIDTH, at / WIDTH)).collect();
     desk.arm();
     desk.tab("io");
     assert_ne!(truth(), picture);

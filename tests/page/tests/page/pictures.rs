@@ -1,5 +1,7 @@
 //! Screenshots of the page in use, light and dark, 1280 x 720; and no script that fails meanwhile.
 
+use std::time::Duration;
+
 use page::{Desk, until};
 
 use crate::driving::step;
@@ -11,7 +13,7 @@ fn every_tab_in_light_and_dark_without_an_error_of_a_script() {
         desk.prefers(scheme);
         desk.while_driving(4000, || {
             // So that more than a line is to be seen.
-            std::thread::sleep(std::time::Duration::from_secs(2));
+            std::thread::sleep(Duration::from_secs(2));
             desk.keep_screenshot(&format!("motors-{scheme}"));
         });
         desk.click("#stop");
@@ -20,9 +22,10 @@ fn every_tab_in_light_and_dark_without_an_error_of_a_script() {
         desk.keep_screenshot(&format!("tune-{scheme}"));
         for tab in ["settings", "world", "io", "link"] {
             desk.tab(tab);
-            until(tab, || (!desk.text(&format!("#panel-{tab}")).is_empty()).then_some(()));
-            // The next frame, drawn.
-            desk.js_async("for (let i = 0; i < 2; i += 1) await new Promise(requestAnimationFrame);");
+            let cards = format!("#panel-{tab} .card:not([hidden])");
+            until(tab, || (desk.count(&cards) > 1).then_some(()));
+            // What is told five times a second has come.
+            std::thread::sleep(Duration::from_millis(500));
             desk.keep_screenshot(&format!("{tab}-{scheme}"));
         }
     }

@@ -28,7 +28,10 @@ fn a_saved_setting_outlasts_the_boards_death_and_the_page_comes_back_disarmed() 
     desk.board.kill();
     desk.until_it_is("online", "no");
     desk.until_text("#faults", "No connection to handwheel");
-    assert_eq!((desk.body("armed").as_str(), desk.count("[data-writes]:not(:disabled)")), ("no", 0));
+    assert_eq!(
+        (desk.body("armed").as_str(), desk.count("[data-writes]:not(:disabled)")),
+        ("no", 0)
+    );
     desk.board.start_again();
     desk.until_it_is("online", "yes");
     until("the setting", || (desk.count(&format!("{ROW}.changed")) == 1).then_some(()));
