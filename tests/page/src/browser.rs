@@ -151,7 +151,14 @@ impl Browser {
         self.switch_to(&made.handle);
     }
 
-    /// Uses this window from now on.
+    /// A new tab in this window, which hides the one that was in view, and is used from now on.
+    #[track_caller]
+    pub fn new_tab(&self) {
+        let made = self.run("a new tab", self.client.new_window(true));
+        self.switch_to(&made.handle);
+    }
+
+    /// Uses this window, or tab, from now on.
     #[track_caller]
     pub fn switch_to(&self, window: &WindowHandle) {
         self.run("that window", self.client.switch_to_window(window.clone()));

@@ -82,6 +82,18 @@ fn a_tab_that_is_closed_stops_the_motor_within_a_second() {
 }
 
 #[test]
+fn a_tab_that_another_one_hides_stops_the_motor_and_is_disarmed() {
+    let desk = Desk::open();
+    let page = desk.window();
+    desk.drive(4000);
+    desk.new_tab();
+    desk.board.until_it_stands();
+    desk.switch_to(&page);
+    desk.until_text("#notes", "This page was hidden or left: it has stopped what it drove");
+    desk.until_it_is("armed", "no");
+}
+
+#[test]
 fn a_page_that_hangs_is_stopped_and_disarmed() {
     let desk = Desk::open();
     // The server's doing, and not the page's: a script keeps the page's own thread busy.

@@ -5,17 +5,18 @@ use std::time::{Duration, Instant};
 use page::{Desk, GLANCE, until};
 use serde_json::json;
 
-/// Of a chart's line of the velocity: the highest and the lowest row of pixels in its first columns, and in its
-/// last.
-const ENDS_OF_CURVE: &str = "
-    const canvas = document.querySelector('[data-motor=\"1\"] canvas');
+/// Of one line on a canvas, by the canvas's selector, its colour's name and where the drawing begins: the highest
+/// and the lowest row of its pixels in the first columns, in the last, and in all.
+const LINE: &str = "
+    const [selector, name, left] = arguments;
+    const canvas = document.querySelector(selector);
     const probe = document.createElement('canvas').getContext('2d');
-    probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue('--value').trim();
+    probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     probe.fillRect(0, 0, 1, 1);
     const wanted = probe.getImageData(0, 0, 1, 1).data;
     const { width, height, data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
     const found = [];
-    for (let x = 0; x < width; x += 1) {
+    for (let x = left; x < width; x += 1) {
       for (let y = 0; y < height; y += 1) {
         const at = 4 * (y * width + x);
         const off = Math.abs(data[at] - wanted[0]) + Math.abs(data[at + 1] - wanted[1]) + Math.abs(data[at + 2] - wanted[2]);
@@ -23,9 +24,19 @@ const ENDS_OF_CURVE: &str = "
       }
     }
     if (!found.length) return null;
-    const rows = (isEnd) => found.filter(([x]) => isEnd(x)).map(([, y]) => y);
-    const [first, last] = [rows((x) => x < found[0][0] + 10), rows((x) => x > found.at(-1)[0] - 10)];
-    return [first, last].map((those) => [Math.min(...those), Math.max(...those)]);";
+    const rows = (isIn) => found.filter(([x]) => isIn(x)).map(([, y]) => y);
+    const parts = [rows((x) => x < found[0][0] + 10), rows((x) => x > found.at(-1)[0] - 10), rows(() => true)];
+    return parts.map((those) => those.reduce(([top, bottom], y) => [Math.min(top, y), Math.max(bottom, y)], [height, 0]));";
+
+/// Top and bottom: in the first columns, in the last, in all. None if nothing is drawn.
+fn line(desk: &Desk, canvas: &str, color: &str, left: u32) -> Option<[[i64; 2]; 3]> {
+    serde_json::from_value(desk.js(LINE, &[json!(canvas), json!(color), json!(left)])).unwrap()
+}
+
+/// Motor 1's velocity on its strip chart.
+fn velocity_line(desk: &Desk) -> Option<[[i64; 2]; 3]> {
+    line(desk, "[data-motor='1'] canvas", "--value", 0)
+}
 
 const PICTURE: &str = "return document.querySelector('[data-motor=\"1\"] canvas').toDataURL();";
 
@@ -33,20 +44,16 @@ const SPACE: char = ' ';
 
 /// Whether the curve begins low, ends high, and both are so calm that it is no noise.
 fn has_risen(desk: &Desk) -> bool {
-    match serde_json::from_value::<[[i64; 2]; 2]>(desk.js(ENDS_OF_CURVE, &[])) {
-        Ok([[first_top, first_bottom], [last_top, last_bottom]]) => {
-            let (first, last) = (first_bottom - first_top, last_bottom - last_top);
-            first < 6 && last < 6 && last_bottom + 30 < first_top
-        }
-        Err(_) => false,
-    }
+    velocity_line(desk).is_some_and(|[first, last, _]| {
+        first[1] - first[0] < 6 && last[1] - last[0] < 6 && last[1] + 30 < first[0]
+    })
 }
 
 #[test]
 fn an_armed_page_drives_a_motor_to_4000_counts_a_second_and_its_curve_moves() {
     let desk = Desk::open();
     desk.tab("motors");
-    until("a curve", || (!desk.js(ENDS_OF_CURVE, &[]).is_null()).then_some(()));
+    until("a curve", || velocity_line(&desk));
     assert!(!has_risen(&desk));
     desk.while_driving(4000, || {
         let absences = desk.absences();
@@ -136,6 +143,13 @@ fn a_step_is_drawn_with_its_figures_and_ends_at_rest() {
     let desk = Desk::open();
     step(&desk);
     desk.board.until_it_stands();
+    // Left of it are the scales. It takes some 27 % of full drive to run, and more to begin.
+    let height = |color| {
+        let [_, _, [top, bottom]] = line(&desk, "#step-curve", color, 56).expect(color);
+        bottom - top
+    };
+    let (value, duty) = (height("--value"), height("--duty"));
+    assert!(value > 80 && duty > 5, "{value} rows of value, {duty} of duty");
 }
 
 /// A step of motor 1 to 4000 counts/s, and its figures.
