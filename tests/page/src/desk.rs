@@ -113,9 +113,10 @@ impl Desk {
         self.click("[data-motor='1'] [data-do=velocity]");
     }
 
-    /// Arms and drives motor 1 at a velocity in counts/s until `is_seen` in the truth.
+    /// Arms and drives motor 1 at a velocity in counts/s until `is_seen` in the truth; the [`absences`](Self::absences)
+    /// before.
     #[track_caller]
-    pub fn drive_until(&self, velocity: i32, is_seen: impl Fn(&Value) -> bool) {
+    pub fn drive_until(&self, velocity: i32, is_seen: impl Fn(&Value) -> bool) -> u64 {
         for _ in 0..TRIES {
             let before = self.absences();
             self.arm();
@@ -127,7 +128,7 @@ impl Desk {
                 (self.absences() > before).then_some(false)
             });
             if is_driven {
-                return;
+                return before;
             }
         }
         panic!("{TRIES} drives were ended, since the page did not answer");
@@ -135,23 +136,27 @@ impl Desk {
 
     /// The same until motor 1 truly runs so.
     #[track_caller]
-    pub fn drive(&self, velocity: i32) {
+    pub fn drive(&self, velocity: i32) -> u64 {
         let wanted = f64::from(velocity);
         self.drive_until(velocity, |truth| {
             let is = truth["motors"][0]["velocity"].as_f64().unwrap();
             (is - wanted).abs() < 0.03 * wanted.abs()
-        });
+        })
     }
 
     /// Drives, and does something meanwhile: what it returns, if the drive was not ended before because the page
-    /// did not answer. `act` must come to its end even then.
+    /// did not answer. `act` is given what tells whether it was, and must come to its end even then.
     #[track_caller]
-    pub fn while_driving<T>(&self, velocity: i32, mut act: impl FnMut() -> T) -> T {
+    pub fn while_driving<T>(
+        &self,
+        velocity: i32,
+        mut act: impl FnMut(&dyn Fn() -> bool) -> T,
+    ) -> T {
         for _ in 0..TRIES {
-            self.drive(velocity);
-            let before = self.absences();
-            let seen = act();
-            if self.absences() == before {
+            let before = self.drive(velocity);
+            let was_absent = || self.absences() > before;
+            let seen = act(&was_absent);
+            if !was_absent() {
                 return seen;
             }
         }

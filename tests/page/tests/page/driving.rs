@@ -55,9 +55,8 @@ fn an_armed_page_drives_a_motor_to_4000_counts_a_second_and_its_curve_moves() {
     desk.tab("motors");
     until("a curve", || velocity_line(&desk));
     assert!(!has_risen(&desk));
-    desk.while_driving(4000, || {
-        let absences = desk.absences();
-        until("the curve rises", || (has_risen(&desk) || desk.absences() > absences).then_some(()));
+    desk.while_driving(4000, |was_absent| {
+        until("the curve rises", || (has_risen(&desk) || was_absent()).then_some(()));
         let before = desk.js(PICTURE, &[]);
         until("the curve moves on", || (desk.js(PICTURE, &[]) != before).then_some(()));
         let number = |name: &str| {
@@ -66,7 +65,7 @@ fn an_armed_page_drives_a_motor_to_4000_counts_a_second_and_its_curve_moves() {
         until("the numbers", || {
             let (set_point, velocity): (f64, f64) = (number("set_point"), number("velocity"));
             let is_so = set_point == 4000.0 && (velocity - 4000.0).abs() < 200.0;
-            (is_so || desk.absences() > absences).then_some(())
+            (is_so || was_absent()).then_some(())
         });
     });
     desk.click("[data-motor='1'] [data-do=off]");
@@ -82,7 +81,7 @@ fn the_space_bar_stops_whatever_has_the_focus() {
         ("motors", "[data-motor='1'] [data-do=velocity]"),
     ];
     for (tab, focus) in places {
-        let stops = desk.while_driving(4000, || {
+        let stops = desk.while_driving(4000, |was_absent| {
             desk.tab(tab);
             // A try before may have typed into it, disarmed.
             desk.js("document.querySelector('#filter').value = '';", &[]);
@@ -90,12 +89,12 @@ fn the_space_bar_stops_whatever_has_the_focus() {
                 "document.activeElement.blur(); document.querySelector(arguments[0]).focus();",
                 &[json!(focus)],
             );
-            let (before, absences) = (desk.notes("STOP: "), desk.absences());
+            let before = desk.notes("STOP: ");
             desk.press(SPACE);
             desk.board.until_it_stands();
             until("it tells so", || {
                 let more = desk.notes("STOP: ") - before;
-                (more > 0 || desk.absences() > absences).then_some(more)
+                (more > 0 || was_absent()).then_some(more)
             })
         });
         assert_eq!(stops, 1, "with the focus in {focus}");

@@ -10,7 +10,7 @@ fn is_dark(x: usize, y: usize) -> bool {
     x == 0
         || y == HEIGHT - 1
         || (20..30).contains(&x) && y < 9
-        || (x * x + 7 * x * y + 3 * y) % 11 == 0
+        || (x * x + 7 * x * y + 3 * y).is_multiple_of(11)
 }
 
 /// The picture as the file of an uncompressed BMP: 24 bits a pixel, the lowest row first.

@@ -11,7 +11,7 @@ fn every_tab_in_light_and_dark_without_an_error_of_a_script() {
     let desk = Desk::open();
     for scheme in ["light", "dark"] {
         desk.prefers(scheme);
-        desk.while_driving(4000, || {
+        desk.while_driving(4000, |_| {
             // So that more than a line is to be seen.
             std::thread::sleep(Duration::from_secs(2));
             desk.keep_screenshot(&format!("motors-{scheme}"));
