@@ -1,14 +1,15 @@
 //! Motors: driven, drawn, stopped.
 
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use page::{Desk, GLANCE, until};
 use serde_json::json;
 
-/// Of one line on a canvas, by the canvas's selector, its colour's name and where the drawing begins: the highest
+/// Of one line on a canvas, by the canvas's selector, its colour's name and a range of columns: the highest
 /// and the lowest row of its pixels in the first columns, in the last, and in all.
 const LINE: &str = "
-    const [selector, name, left] = arguments;
+    const [selector, name, left, right] = arguments;
     const canvas = document.querySelector(selector);
     const probe = document.createElement('canvas').getContext('2d');
     probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -16,7 +17,7 @@ const LINE: &str = "
     const wanted = probe.getImageData(0, 0, 1, 1).data;
     const { width, height, data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
     const found = [];
-    for (let x = left; x < width; x += 1) {
+    for (let x = left; x < Math.min(right, width); x += 1) {
       for (let y = 0; y < height; y += 1) {
         const at = 4 * (y * width + x);
         const off = Math.abs(data[at] - wanted[0]) + Math.abs(data[at + 1] - wanted[1]) + Math.abs(data[at + 2] - wanted[2]);
@@ -29,14 +30,19 @@ const LINE: &str = "
     return parts.map((those) => those.reduce(([top, bottom], y) => [Math.min(top, y), Math.max(bottom, y)], [height, 0]));";
 
 /// Top and bottom: in the first columns, in the last, in all. None if nothing is drawn.
-fn line(desk: &Desk, canvas: &str, color: &str, left: u32) -> Option<[[i64; 2]; 3]> {
-    serde_json::from_value(desk.js(LINE, &[json!(canvas), json!(color), json!(left)])).unwrap()
+fn line(desk: &Desk, canvas: &str, color: &str, columns: Range<u32>) -> Option<[[i64; 2]; 3]> {
+    let arguments = [json!(canvas), json!(color), json!(columns.start), json!(columns.end)];
+    serde_json::from_value(desk.js(LINE, &arguments)).unwrap()
 }
 
 /// Motor 1's velocity on its strip chart.
 fn velocity_line(desk: &Desk) -> Option<[[i64; 2]; 3]> {
-    line(desk, "[data-motor='1'] canvas", "--value", 0)
+    line(desk, "[data-motor='1'] canvas", "--value", 0..10_000)
 }
+
+/// The curve of a step, and how many of its columns are scales.
+const CURVE: &str = "#step-curve";
+const SCALES: u32 = 52;
 
 const PICTURE: &str = "return document.querySelector('[data-motor=\"1\"] canvas').toDataURL();";
 
@@ -142,13 +148,14 @@ fn a_step_is_drawn_with_its_figures_and_ends_at_rest() {
     let desk = Desk::open();
     step(&desk);
     desk.board.until_it_stands();
-    // Left of it are the scales. It takes some 27 % of full drive to run, and more to begin.
-    let height = |color| {
-        let [_, _, [top, bottom]] = line(&desk, "#step-curve", color, 56).expect(color);
-        bottom - top
-    };
-    let (value, duty) = (height("--value"), height("--duty"));
-    assert!(value > 80 && duty > 5, "{value} rows of value, {duty} of duty");
+    let [_, _, [top, bottom]] = line(&desk, CURVE, "--value", SCALES..10_000).expect("a curve");
+    assert!(bottom - top > 80, "{top} to {bottom}");
+    // The duty's scale is written in its colour, from 100 % to -100 %. It takes some 27 % to run: at the end it
+    // stands above the middle, and far from the upper end.
+    let [_, _, [full, back]] = line(&desk, CURVE, "--duty", 0..SCALES).expect("a scale");
+    let [_, [_, duty], _] = line(&desk, CURVE, "--duty", SCALES..10_000).expect("a duty");
+    let percent = 100 * (full + back - 2 * duty) / (back - full);
+    assert!((10..50).contains(&percent), "{percent} % of {full} to {back}");
 }
 
 /// A step of motor 1 to 4000 counts/s, and its figures.
