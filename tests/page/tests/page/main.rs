@@ -1,0 +1,8 @@
+//! What a person sees and does on the page, and what that does to the simulated board.
+
+mod arming;
+mod driving;
+mod faults;
+mod lcd;
+mod pictures;
+mod settings;
