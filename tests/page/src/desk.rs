@@ -93,7 +93,7 @@ impl Desk {
     /// How often the server has ended a drive because the page was not heard for 250 ms.
     #[track_caller]
     pub fn absences(&self) -> u64 {
-        self.notes("its page did not answer")
+        self.notes("did not answer (a busy computer?)")
     }
 
     /// Arms this page, if it is not.
