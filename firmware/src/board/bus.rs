@@ -6,7 +6,7 @@
 //! and bus; a bus that is on the wire itself does without. So one image serves both, and hears
 //! its echo with both (README.md beside this file has the two wirings).
 //!
-//! Promises, by reading only, since no machine here has such a wire:
+//! Promises, shown on the modelled chip (`tests/chip/tests/cm5.rs`, `bus.rs`):
 //! - A write is complete at TC, and what is written in one piece leaves in one piece. The receiver
 //!   is never switched off, so a servo may answer at once.
 //! - A reader is woken by every byte, and the bus waits for no pause to tell that an answer is
@@ -129,9 +129,16 @@ impl Bus {
         }
     }
 
-    /// Begins to send what is in `outgoing`.
-    fn send(&self) {
+    /// Begins to send; the line waits for nothing, and all else for 10 us. Status first, then data, clears the TC
+    /// of the last time.
+    fn begin(&self, first: u8) {
         self.direction.write(1);
+        let _ = self.registers.sr().read();
+        self.registers.dr().write(|w| w.set_dr(first.into()));
+    }
+
+    /// Goes on with what is in `outgoing`.
+    fn go_on(&self) {
         critical_section::with(|_| self.registers.cr1().modify(|w| w.set_txeie(true)));
     }
 }
@@ -173,9 +180,11 @@ impl Write for Sender {
     /// Of an instruction, no more than [`MAX_INSTRUCTION`] bytes.
     async fn write(&mut self, instruction: &[u8]) -> Result<usize, Self::Error> {
         let count = instruction.len().min(MAX_INSTRUCTION);
+        let Some((&first, rest)) = instruction[..count].split_first() else { return Ok(0) };
         self.bus.sent.reset();
-        self.bus.outgoing.write_all(&instruction[..count]).await; // there is room: the last has left
-        self.bus.send();
+        self.bus.begin(first);
+        self.bus.outgoing.write_all(rest).await; // there is room: the last has left
+        self.bus.go_on();
         self.bus.sent.wait().await;
         Ok(count)
     }

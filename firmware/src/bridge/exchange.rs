@@ -163,7 +163,8 @@ impl Exchange {
         expected: Option<Expected>,
         now: Instant,
     ) -> Option<&'b [u8]> {
-        self.instruction = heapless::Vec::from_slice(packet).ok()?;
+        self.instruction.clear(); // in place: to make and to move another takes 1 us
+        self.instruction.extend_from_slice(packet).ok()?;
         self.expected = expected;
         self.phase = Phase::Echo(0);
         self.deadline = now + BYTE * packet.len() as u32 + ECHO_SLACK; // up to 143

@@ -48,7 +48,8 @@ impl Roster {
 
     /// Those behind an ID; `None` is before all. New ones do not disturb such a walk.
     pub fn behind(&self, id: Option<Id>) -> impl Iterator<Item = &BusServo> {
-        self.iter().filter(move |servo| id.is_none_or(|id| servo.id > id))
+        let place = id.map_or(0, |id| self.place(id).map_or_else(|place| place, |place| place + 1));
+        self.0.iter().skip(place)
     }
 
     /// How many the PC has agreed on.

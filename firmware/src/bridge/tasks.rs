@@ -21,7 +21,6 @@
 
 use core::cell::RefCell;
 
-use embassy_futures::join::join3;
 use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
@@ -37,6 +36,9 @@ use crate::reception::{CHUNK, LINE_DOWN};
 const RECEIVE: usize = 0;
 const TRANSMIT: usize = 1;
 const TASKS: usize = 2;
+
+/// How often the bus's loop looks at the others, at the least while bytes come.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// What the loops of a bridge share, made once by `main`.
 pub struct BridgeChannels<M: RawMutex> {
@@ -57,35 +59,8 @@ impl<M: RawMutex> Default for BridgeChannels<M> {
     }
 }
 
-/// Runs the bridge, and calls `feed` as long as its loops come round: the watchdog must bear
-/// [`BRIDGE_WATCHDOG_PERIOD`](crate::liveness::BRIDGE_WATCHDOG_PERIOD). What holds for the lines of
-/// [`link`](crate::app::link)
-/// holds for both of these; a failed line is counted, and used again after 1 ms.
-///
-/// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
-/// whatever answers it, and a `write` there is complete when the last stop bit has left, or later.
-/// The buffer below `bus_rx` holds the longest instruction and an answer:
-/// [`MAX_INSTRUCTION`] and 14 bytes.
-///
-/// Deadline: the bus is handed its next instruction within microseconds after an answer, or the cycle
-/// gets longer by what it takes; nothing is lost.
-pub async fn run<M: RawMutex>(
-    (pc_rx, pc_tx): (&mut impl Read, &mut impl Write),
-    (bus_rx, bus_tx): (&mut impl Read, &mut impl Write),
-    bridge: &RefCell<Bridge>,
-    channels: &BridgeChannels<M>,
-    feed: impl FnMut(),
-) -> ! {
-    join3(
-        receive(pc_rx, bridge, channels),
-        transmit(pc_tx, bridge, channels),
-        bus(bus_rx, bus_tx, bridge, channels, feed),
-    )
-    .await;
-    unreachable!("all loops are endless")
-}
-
-/// Listens to the PC: a loop of [`run`].
+/// Listens to the PC. What holds for the lines of [`link`](crate::app::link) holds for both lines of a bridge; a
+/// failed line is counted, and used again after 1 ms.
 pub async fn receive<M: RawMutex>(
     pc_rx: &mut impl Read,
     bridge: &RefCell<Bridge>,
@@ -111,7 +86,7 @@ pub async fn receive<M: RawMutex>(
     }
 }
 
-/// Talks to the PC: a loop of [`run`].
+/// Talks to the PC.
 pub async fn transmit<M: RawMutex>(
     pc_tx: &mut impl Write,
     bridge: &RefCell<Bridge>,
@@ -137,7 +112,16 @@ pub async fn transmit<M: RawMutex>(
     }
 }
 
-/// Talks to the servos, and feeds the watchdog: a loop of [`run`].
+/// Talks to the servos, and calls `feed` as long as all loops come round: the watchdog must bear
+/// [`BRIDGE_WATCHDOG_PERIOD`](crate::liveness::BRIDGE_WATCHDOG_PERIOD).
+///
+/// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
+/// whatever answers it, and a `write` there is complete when the last stop bit has left, or later.
+/// The buffer below `bus_rx` holds the longest instruction and an answer:
+/// [`MAX_INSTRUCTION`] and 14 bytes.
+///
+/// Deadline: the bus is handed its next instruction within microseconds after an answer, or the cycle
+/// gets longer by what it takes; nothing is lost.
 pub async fn bus<M: RawMutex>(
     bus_rx: &mut impl Read,
     bus_tx: &mut impl Write,
@@ -148,33 +132,63 @@ pub async fn bus<M: RawMutex>(
     let mut instruction = [0; MAX_INSTRUCTION];
     let mut buffer = [0; CHUNK];
     let mut checked = Instant::now();
-    loop {
-        let passed_ms = checked.elapsed().as_millis();
+    let mut look = |now: Instant| {
+        let passed_ms = (now - checked).as_millis();
         checked += Duration::from_millis(passed_ms); // what is less counts the next time
         let passed_ms = u16::try_from(passed_ms).unwrap_or(u16::MAX);
         if channels.roll_call.check(passed_ms, false) != Liveness::Hung {
             feed();
         }
-        let packet = bridge.borrow_mut().bus_sends(Instant::now(), &mut instruction);
-        if bridge.borrow().sends_at() <= Instant::now() {
+        if bridge.borrow().sends_at() <= now {
             channels.something_to_send.signal(());
         }
+        now + LOOK
+    };
+    let mut now = Instant::now();
+    let mut look_at = now;
+    loop {
+        let packet = bridge.borrow_mut().bus_sends(now, &mut instruction);
         if let Some(packet) = packet {
-            if bus_tx.write_all(packet).await.is_err() {
+            // The bus waits for nothing: the rest is looked at, and the echo heard, while the packet leaves.
+            let meanwhile = async {
+                look_at = look(now);
+                loop {
+                    match bus_rx.read(&mut buffer).await {
+                        Ok(count) if count > 0 => {
+                            let heard = &buffer[..count];
+                            bridge.borrow_mut().bus_hears(heard, Instant::now());
+                        }
+                        _ => {
+                            bridge.borrow_mut().bus_failed();
+                            Timer::after(LINE_DOWN).await;
+                        }
+                    }
+                }
+            };
+            let (Either::First(sent) | Either::Second(sent)) =
+                select(bus_tx.write_all(packet), meanwhile).await;
+            if sent.is_err() {
                 bridge.borrow_mut().bus_failed();
                 Timer::after(LINE_DOWN).await;
             }
+            now = Instant::now();
             continue;
         }
-        let check_in_at = Instant::now() + CHECK_IN_PERIOD;
-        let until = bridge.borrow().bus_acts_at().min(check_in_at);
-        match select(bus_rx.read(&mut buffer), Timer::at(until)).await {
+        // Nor between the bytes of an answer.
+        if now >= look_at {
+            look_at = look(now);
+        }
+        let until = bridge.borrow().bus_acts_at().min(now + CHECK_IN_PERIOD);
+        let heard = select(bus_rx.read(&mut buffer), Timer::at(until)).await;
+        now = Instant::now();
+        match heard {
             Either::First(Ok(count)) if count > 0 => {
-                bridge.borrow_mut().bus_hears(&buffer[..count], Instant::now());
+                bridge.borrow_mut().bus_hears(&buffer[..count], now);
             }
             Either::First(_) => {
                 bridge.borrow_mut().bus_failed();
                 Timer::after(LINE_DOWN).await;
+                now = Instant::now();
             }
             Either::Second(()) => {}
         }

@@ -1,8 +1,7 @@
 //! The CM-5's servo bus when something is wrong with it, and how fast it is. Whatever happens on the chip
 //! happens to the virtual board too (hal-mock), on the same bus of the same servos: what they say is the
-//! same, and so are search and re-scan, within 3 %. **The loop of work is 6 % slower on the chip** (118 cycles
-//! a second, 125 on virtual time, 131 at the limit of the bus): from an answer's last bit to the next
-//! instruction's first are 15 us, some 2500 of the model's instructions, eighteen times a cycle.
+//! same, and so are search, loop and re-scan, within 3 %. What the chip takes longer are the 9 us from an
+//! answer's last bit to the next instruction's first, eighteen times a cycle, and what it takes to write goals.
 
 use chip::bench::{self, Bench};
 use embassy_time::Duration;
@@ -209,7 +208,7 @@ struct Pace {
 
 /// Of 18 servos, and a nineteenth that comes later, with a PC that sends goals 100 times a second.
 fn pace(board: &mut impl Cm5) -> Pace {
-    const SECONDS: u32 = 3;
+    const SECONDS: u32 = 10;
     let (_, search) =
         board.until(|params| Hello::parse(params).map(|hello| assert_eq!(hello.ids.len(), 18)));
     board.greet();
@@ -232,8 +231,7 @@ fn pace(board: &mut impl Cm5) -> Pace {
 }
 
 #[test]
-fn search_and_rescan_of_18_servos_are_as_fast_as_on_virtual_time_within_3_percent_the_loop_within_7()
- {
+fn search_loop_and_rescan_of_18_servos_are_as_fast_as_on_virtual_time_within_3_percent() {
     let ids: Vec<u8> = (1..=18).chain([100]).collect();
     let (mut chip, mut board) = both(&ids, servo_bus::Make::default());
     chip.with_bus(|bus| bus.unplug(18));
@@ -242,10 +240,9 @@ fn search_and_rescan_of_18_servos_are_as_fast_as_on_virtual_time_within_3_percen
     println!("chip {chip:?}\nvirtual {board:?}");
     // The bench of hal-mock has 126 cycles a second of the 131 that the bus allows.
     assert!((124.0..131.4).contains(&board.cycles), "{board:?}");
-    let is_near = |chip: f64, board: f64, share: f64| {
-        assert!((chip / board - 1.0).abs() <= share, "{chip} and {board}");
-    };
-    is_near(chip.search, board.search, 0.03);
-    is_near(chip.rescan, board.rescan, 0.03);
-    is_near(chip.cycles, board.cycles, 0.07);
+    let is_near =
+        |chip: f64, board: f64| assert!((chip / board - 1.0).abs() <= 0.03, "{chip} and {board}");
+    is_near(chip.search, board.search);
+    is_near(chip.rescan, board.rescan);
+    is_near(chip.cycles, board.cycles);
 }
