@@ -208,7 +208,7 @@ struct Pace {
 
 /// Of 18 servos, and a nineteenth that comes later, with a PC that sends goals 100 times a second.
 fn pace(board: &mut impl Cm5) -> Pace {
-    const SECONDS: u32 = 10;
+    const SECONDS: u32 = 5;
     let (_, search) =
         board.until(|params| Hello::parse(params).map(|hello| assert_eq!(hello.ids.len(), 18)));
     board.greet();
