@@ -41,12 +41,14 @@
 
 pub mod auto;
 pub mod backup;
+#[cfg(feature = "cli")]
 pub mod cli;
 pub mod client;
 mod error;
 pub mod link;
 mod motion;
 mod number;
+#[cfg(feature = "cli")]
 pub mod picture;
 pub mod session;
 pub mod step;

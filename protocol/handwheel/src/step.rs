@@ -4,12 +4,13 @@
 //! of it, *overshoot* how far beyond the target it goes, in percent of the step, *settling* the time after which it stays
 //! within 5 % of the target, *steady error* what is left at the end (the mean of the last fifth).
 
+#[cfg(feature = "cli")]
 use std::path::Path;
 use std::time::Duration;
 
+#[cfg(feature = "cli")]
 use plotters::prelude::*;
 use protocol::extension::MachineState;
-use serde_json::{Value, json};
 
 use crate::client::Target;
 use crate::error::Error;
@@ -145,9 +146,14 @@ impl Course {
     }
 
     /// The samples for programs: ms, value, duty from -1 to 1.
-    pub(crate) fn list(&self) -> Vec<Value> {
+    #[cfg(feature = "cli")]
+    pub(crate) fn list(&self) -> Vec<serde_json::Value> {
         let row = |s: &Sample| {
-            json!([s.time.as_millis() as u64, s.value, (s.duty * 1000.0).round() / 1000.0])
+            serde_json::json!([
+                s.time.as_millis() as u64,
+                s.value,
+                (s.duty * 1000.0).round() / 1000.0
+            ])
         };
         self.samples.iter().map(row).collect()
     }
@@ -157,6 +163,7 @@ impl Course {
 ///
 /// # Errors
 /// Says in one line what is wrong with the file.
+#[cfg(feature = "cli")]
 pub fn draw(
     file: &Path,
     title: &str,
@@ -170,6 +177,7 @@ pub fn draw(
     std::fs::write(file, text).map_err(|error| format!("{}: {error}", file.display()))
 }
 
+#[cfg(feature = "cli")]
 fn plot(
     text: &mut String,
     title: &str,
