@@ -78,8 +78,9 @@ fn page_of(board: &Board, listen: &str) -> (Page, Arc<AtomicBool>) {
     (serve(serving, end.clone()).unwrap(), end)
 }
 
-fn place_of(page: &Page) -> String {
-    page.address.split('/').nth(2).unwrap().to_owned()
+/// Host and port of a page's address.
+fn place_of(address: &str) -> &str {
+    address.split('/').nth(2).unwrap()
 }
 
 /// One request; the status line and all of the answer.
@@ -99,8 +100,8 @@ fn is_driven(state: &Value) -> bool {
 #[test]
 fn a_tab_that_goes_without_a_word_stops_its_motor() {
     let board = Board::start(&["--web", "127.0.0.1:0"]);
-    let place = board.place("page").trim_start_matches("http://").trim_end_matches('/').to_owned();
-    let mut tab = Tab::open(&place);
+    let place = place_of(board.place("page"));
+    let mut tab = Tab::open(place);
     tab.connected();
     // A machine that is held up may miss the 250 ms: then once more.
     for _ in 0..3 {
@@ -126,7 +127,7 @@ fn a_tab_that_goes_without_a_word_stops_its_motor() {
 fn the_end_of_handwheel_stops_what_its_page_drives() {
     let board = Board::start(&[]);
     let (page, end) = page_of(&board, "127.0.0.1:0");
-    let mut tab = Tab::open(&place_of(&page));
+    let mut tab = Tab::open(place_of(&page.address));
     tab.connected();
     tab.answer(json!({"do": "arm"}));
     tab.answer(json!({"do": "drive", "motor": 1, "velocity": 4000}));
@@ -139,8 +140,8 @@ fn the_end_of_handwheel_stops_what_its_page_drives() {
 fn it_answers_its_own_page_alone() {
     let board = Board::start(&[]);
     let (page, _end) = page_of(&board, "127.0.0.1:0");
-    let place = place_of(&page);
-    let (status, text) = get(&place, &format!("GET / HTTP/1.1\r\nHost: {place}\r\n\r\n"));
+    let place = place_of(&page.address);
+    let (status, text) = get(place, &format!("GET / HTTP/1.1\r\nHost: {place}\r\n\r\n"));
     assert!(status.contains("200") && text.contains("<html"), "{status}");
     assert!(text.contains("Content-Security-Policy: default-src 'self'"));
     for (head, wanted) in [
@@ -150,12 +151,12 @@ fn it_answers_its_own_page_alone() {
         ("POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", "400"),
         ("hello\r\n\r\n", "400"),
     ] {
-        assert!(get(&place, head).0.contains(wanted), "{head}");
+        assert!(get(place, head).0.contains(wanted), "{head}");
     }
-    assert!(Tab::ask(&place, "/socket", "http://evil.example").is_err());
-    assert!(Tab::ask(&place, "/", &format!("http://{place}")).is_err());
+    assert!(Tab::ask(place, "/socket", "http://evil.example").is_err());
+    assert!(Tab::ask(place, "/", &format!("http://{place}")).is_err());
     // What is far too long ends that page, and no other.
-    let (mut bad, mut good) = (Tab::open(&place), Tab::open(&place));
+    let (mut bad, mut good) = (Tab::open(place), Tab::open(place));
     let _ = bad.0.send(Message::text("x".repeat(1 << 20)));
     while bad.0.read().is_ok() {}
     good.connected();
@@ -180,8 +181,8 @@ fn off_loopback_a_token_is_wanted() {
 #[test]
 fn a_virtual_boards_page_has_a_world_and_a_boards_has_none() {
     let board = Board::start(&["--web", "127.0.0.1:0"]);
-    let place = board.place("page").trim_start_matches("http://").trim_end_matches('/').to_owned();
-    let mut tab = Tab::open(&place);
+    let place = place_of(board.place("page"));
+    let mut tab = Tab::open(place);
     let jam = json!([true, null, null, null, null, null]);
     let answer = tab.answer(json!({"do": "world", "set": {"jam": jam}}));
     assert_eq!(answer, json!({"id": 77, "ok": null}));
@@ -190,7 +191,8 @@ fn a_virtual_boards_page_has_a_world_and_a_boards_has_none() {
     let answer = tab.answer(json!({"do": "world", "set": {"jams": 1}}));
     assert!(answer["error"].as_str().unwrap().contains("jams"));
     let (page, _end) = page_of(&board, "127.0.0.1:0");
-    let answer = Tab::open(&place_of(&page)).answer(json!({"do": "world", "set": {"jam": jam}}));
+    let answer =
+        Tab::open(place_of(&page.address)).answer(json!({"do": "world", "set": {"jam": jam}}));
     assert!(answer["error"].as_str().unwrap().contains("virtual board"));
 }
 
@@ -198,9 +200,8 @@ fn a_virtual_boards_page_has_a_world_and_a_boards_has_none() {
 fn an_arm_and_a_cm5_show_joints_and_servos() {
     for (personality, wanted) in [("pioneer-arm", "joints"), ("cm5", "servos")] {
         let board = Board::start(&[personality, "--web", "127.0.0.1:0"]);
-        let place =
-            board.place("page").trim_start_matches("http://").trim_end_matches('/').to_owned();
-        let mut tab = Tab::open(&place);
+        let place = place_of(board.place("page"));
+        let mut tab = Tab::open(place);
         tab.connected();
         let told = tab.until(|told| told["tell"] == wanted);
         assert_eq!(told[wanted].as_array().unwrap().len(), 6, "{told}");

@@ -13,7 +13,8 @@
 //! - [`client`]: what a program uses: connect, ask, drive, watch; blocking;
 //! - [`words`]: faults, reasons and units for people, with the remedy;
 //! - [`backup`], [`step`], [`picture`]: settings in a file, a step's response, an image for the LCD;
-//! - [`cli`]: the commands.
+//! - [`cli`]: the commands;
+//! - [`web`]: the page, and the session without I/O behind it, beside the blocking client.
 //!
 //! **People see channels 1 to 6** here, as in setting names and on the board's labels; the wire has 0 to
 //! 5. [`Number`] is the people's, and is turned into the wire's in one place.

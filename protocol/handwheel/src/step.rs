@@ -14,6 +14,7 @@ use protocol::extension::MachineState;
 
 use crate::client::Target;
 use crate::error::Error;
+use crate::motion::target::unwrapped;
 use crate::number::Number;
 use crate::words;
 
@@ -72,16 +73,12 @@ pub fn response(samples: &[Sample], start: f64, target: f64) -> Option<Response>
     })
 }
 
-/// The wire's positions wrap here; the machine state's do not.
-const TURN: f64 = 32_768.0;
-
 /// From where to where a position step went: the wire has a turn's counts, and which way round it went is
 /// seen by where it came to.
 fn way(samples: &[Sample], target: i16) -> (f64, f64) {
     let start = samples.first().map_or(0.0, |sample| sample.value);
     let end = samples.last().map_or(0.0, |sample| sample.value);
-    let off = (f64::from(target) - end).rem_euclid(TURN);
-    (start, end + if off > TURN / 2.0 { off - TURN } else { off })
+    (start, unwrapped(target.into(), end as i32).into())
 }
 
 /// A step that is being driven, as machine states tell of it.

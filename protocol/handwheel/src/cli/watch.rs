@@ -199,14 +199,8 @@ impl Context<'_, '_> {
             let list: Vec<_> = servos
                 .iter()
                 .map(|servo| {
-                    let mut told = json!({ "id": servo.id, "reports": servo.registers.is_some() });
-                    if let Some([position, speed, load, voltage, temperature]) = servo.registers {
-                        told["position"] = position.into();
-                        told["speed"] = speed.into();
-                        told["load"] = load.into();
-                        told["voltage_v"] = (f64::from(voltage) / 10.0).into();
-                        told["temperature_c"] = temperature.into();
-                    }
+                    let mut told = servo.json();
+                    told["reports"] = servo.registers.is_some().into();
                     told
                 })
                 .collect();

@@ -152,13 +152,8 @@ impl Client {
     /// # Errors
     /// As all requests.
     pub(super) fn stop_arm(&mut self) -> Result<bool, Error> {
-        let mut buffer = [0; 16];
-        if let Ok(bytes) = ArmCommand::Stop(Joints::All).encode(&mut buffer)
-            && let Some(packet) = Packet::parse(bytes)
-        {
-            let sent = self.session.packet(&packet, None, self.now());
-            sent.map_err(|failure| self.failed(failure, "a stop"))?;
-        }
+        let sent = self.session.arm(ArmCommand::Stop(Joints::All), None, self.now());
+        sent.map_err(|failure| self.failed(failure, "a stop"))?;
         Ok(self.arm_status()?.moving == [false; 6])
     }
 
@@ -171,10 +166,9 @@ impl Client {
         if self.personality() != Personality::Arcos {
             return Err(Error::NotCarried(self.personality(), "arm", ""));
         }
-        let mut buffer = [0; 16];
-        let bytes = command.encode(&mut buffer).map_err(|_| Error::NoAnswer(what))?;
-        let packet = Packet::parse(bytes).ok_or(Error::NoAnswer(what))?;
-        self.packet(&packet, answer, what)
+        let begun = self.session.arm(command, Some(answer), self.now());
+        begun.map_err(|failure| self.failed(failure, what))?;
+        self.wait(what)
     }
 
     fn packet(

@@ -10,6 +10,7 @@ use protocol::cm5::Feedback;
 use protocol::dynamixel::Register;
 use protocol::extension::{MachineState, Request};
 use protocol::pms5005::{Command, Repeat, Report};
+use serde_json::{Value, json};
 
 use super::{Client, TICK};
 use crate::error::Error;
@@ -205,6 +206,21 @@ impl Iterator for Servos<'_> {
                 Err(error) => return Some(Err(error)),
             }
         }
+    }
+}
+
+impl Servo {
+    /// For programs; without a report its ID alone.
+    pub(crate) fn json(&self) -> Value {
+        let mut told = json!({ "id": self.id });
+        if let Some([position, speed, load, voltage, temperature]) = self.registers {
+            told["position"] = position.into();
+            told["speed"] = speed.into();
+            told["load"] = load.into();
+            told["voltage_v"] = (f64::from(voltage) / 10.0).into();
+            told["temperature_c"] = temperature.into();
+        }
+        told
     }
 }
 

@@ -8,15 +8,13 @@ use std::time::Duration;
 use protocol::extension::{ChannelState, MachineState, Mode};
 use protocol::pms5005::{CHANNELS, Report};
 
+use super::target::unwrapped;
 use crate::number::Number;
 use crate::session::Event;
 
 /// A shaft stands when it has kept within so many counts, which is a potentiometer's noise, for so long.
 const STILL_COUNTS: i32 = 5;
 pub(crate) const STILL: Duration = Duration::from_millis(150);
-/// An encoder's counts in the telemetry wrap here.
-const WRAP: i32 = 32_768;
-
 /// What one sensor has told of a shaft.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
@@ -66,9 +64,7 @@ impl Shafts {
                 for (seen, encoder) in self.encoders.iter_mut().zip(&motors.encoders) {
                     // Turn by turn: from the last count the shorter way.
                     let last = seen.map_or(encoder.count.into(), |seen| seen.last);
-                    let moved =
-                        (i32::from(encoder.count) - last + WRAP / 2).rem_euclid(WRAP) - WRAP / 2;
-                    Seen::see(seen, last + moved, now);
+                    Seen::see(seen, unwrapped(encoder.count.into(), last), now);
                 }
             }
             _ => {}

@@ -8,6 +8,8 @@ use protocol::pms5005::{Addressing, CHANNELS, Command, Move, Quantity, Scope};
 use crate::error::Error;
 use crate::number::Number;
 
+/// Positions of the wire wrap here; the machine state's do not.
+const TURN: i32 = 32_768;
 /// PWM without drive, and the most either way.
 const NEUTRAL: i16 = 16_384;
 /// Servo pulses in counts of 1/2250 ms.
@@ -22,6 +24,12 @@ pub(crate) const NEUTRAL_ALL: Command<'static> = Command::Move(Move {
     targets: [Some(NEUTRAL); CHANNELS],
     periods: 0,
 });
+
+/// A position of the wire, on the turn on which it is nearest to this one.
+pub(crate) fn unwrapped(wire: i32, near: i32) -> i32 {
+    let way = wire.wrapping_sub(near).wrapping_add(TURN / 2).rem_euclid(TURN) - TURN / 2;
+    near.wrapping_add(way)
+}
 
 /// One motor without drive.
 pub(crate) fn neutral(motor: Number) -> Command<'static> {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use protocol::extension::{ChannelState, Mode, Reason};
 
-use super::target::Target;
+use super::target::{Target, unwrapped};
 use crate::number::Number;
 use crate::words;
 
@@ -16,13 +16,9 @@ const STANDS: Duration = Duration::from_secs(2);
 const ROUNDED: i32 = 1;
 /// A shaft that is so near to its set-point does not keep it waiting.
 const NEAR_COUNTS: i32 = 20;
-/// Positions wrap here.
-const TURN: i32 = 32_768;
-
 /// How far apart two positions are, the shorter way.
 fn apart(a: i32, b: i32) -> i32 {
-    let way = a.wrapping_sub(b).rem_euclid(TURN);
-    way.min(TURN - way)
+    unwrapped(a, b).wrapping_sub(b).abs()
 }
 
 /// A motor that is driven.

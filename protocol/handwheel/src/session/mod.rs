@@ -20,7 +20,7 @@ mod tests;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use protocol::arcos::{Packet, Standard};
+use protocol::arcos::{ArmCommand, Packet, Standard};
 use protocol::cm5::{self, Feedback, Hello};
 use protocol::extension::{Answer, MachineState, Request};
 use protocol::pms5005::{Command, Frame, MAX_FRAME, RES_NO_ACK, RID_HOST, Report, did};
@@ -201,12 +201,32 @@ impl Session {
         now: Duration,
     ) -> Result<(), Failure> {
         let mut buffer = [0; MAX_FRAME];
-        let bytes = packet.encode(&mut buffer).map_err(|_| Failure::NotCarried)?.to_vec();
+        let bytes = packet.encode(&mut buffer).map_err(|_| Failure::NotCarried)?;
+        self.carry(bytes.to_vec(), answer, now);
+        Ok(())
+    }
+
+    /// Sends a command to a Pioneer Arm, in the same way.
+    ///
+    /// # Errors
+    /// [`Failure::NotCarried`] for a value that has no form on the wire.
+    pub fn arm(
+        &mut self,
+        command: ArmCommand,
+        answer: Option<u8>,
+        now: Duration,
+    ) -> Result<(), Failure> {
+        let mut buffer = [0; MAX_FRAME];
+        let bytes = command.encode(&mut buffer).map_err(|_| Failure::NotCarried)?;
+        self.carry(bytes.to_vec(), answer, now);
+        Ok(())
+    }
+
+    fn carry(&mut self, bytes: Vec<u8>, answer: Option<u8>, now: Duration) {
         match answer {
             Some(id) => self.begin(Exchange::new(bytes, Wants::Packet(id)), now),
             None => self.out.push_back(bytes),
         }
-        Ok(())
     }
 
     /// Sends a command that wants no acknowledgement.

@@ -45,7 +45,6 @@ pub(super) struct Board {
     is_met: bool,
     /// It is to be asked who it is.
     asks_who: bool,
-    is_slow: bool,
     /// In ms.
     pub(super) link_timeout: Option<i32>,
     pub(super) health: Option<Health>,
@@ -77,13 +76,6 @@ struct Arm {
 }
 
 impl Board {
-    /// Whether it tells its machine state.
-    pub(super) fn has_state(&self) -> bool {
-        self.identity.is_some_and(|identity| identity.extension >= 2)
-            && self.arm.is_none()
-            && !self.is_slow
-    }
-
     /// Whether it has settings, health, faults.
     pub(super) fn has_extension(&self) -> bool {
         self.identity.is_some() && self.arm.as_ref().is_none_or(|arm| !arm.is_guest)
@@ -115,15 +107,16 @@ impl Board {
 }
 
 impl Panel {
+    /// Whether the board tells its machine state.
     pub(super) fn has_state(&self) -> bool {
-        self.board.has_state()
+        let is_new = self.board.identity.is_some_and(|identity| identity.extension >= 2);
+        is_new && self.personality() == Personality::Pms5005 && !self.link.is_slow()
     }
 
     /// It is known what is on the line.
     pub(super) fn meet(&mut self, personality: Personality) {
         self.greeting = None;
         self.why = None;
-        self.board.is_slow = self.link.is_slow();
         self.board.due = self.now + ASK / 2;
         match personality {
             Personality::Pms5005 => self.board.asks_who = true,
@@ -164,7 +157,7 @@ impl Panel {
 
     /// Asks what is due.
     pub(super) fn poll(&mut self) {
-        if self.board.has_state() && self.now >= self.board.renew {
+        if self.has_state() && self.now >= self.board.renew {
             self.board.renew = self.now + RENEW;
             let often = Repeat::Times(NonZeroU8::MAX);
             self.session.send(&Command::Extension(Request::State(often)));
@@ -180,7 +173,10 @@ impl Panel {
         let is_open = self.board.arm.as_ref().is_some_and(|arm| arm.is_open);
         self.board.due = self.now + if is_open { ASK_ARM } else { ASK };
         if is_open {
-            self.packet(ArmCommand::Status(StatusRequest::Once));
+            let status = ArmCommand::Status(StatusRequest::Once);
+            self.queue(Purpose::Board(Asked::Status), |session, now| {
+                session.arm(status, Some(ArmStatus::ID), now)
+            });
         }
         if self.board.has_extension() {
             self.board.is_asked = true;
@@ -297,17 +293,6 @@ impl Panel {
         for (packet, answer) in asked {
             let purpose = Purpose::Board(Asked::Sync);
             self.queue(purpose, |session, now| session.packet(&packet, Some(answer), now));
-        }
-    }
-
-    fn packet(&mut self, command: ArmCommand) {
-        let mut buffer = [0; 16];
-        if let Ok(bytes) = command.encode(&mut buffer)
-            && let Some(packet) = Packet::parse(bytes)
-        {
-            self.queue(Purpose::Board(Asked::Status), |session, now| {
-                session.packet(&packet, Some(ArmStatus::ID), now)
-            });
         }
     }
 

@@ -132,7 +132,7 @@ impl Panel {
                     return Err("something is driven, and a board saves only with all off: Stop first; nothing was changed".into());
                 }
                 let wanted = plan.changes.iter().map(|(s, value)| (s.number, *value)).collect();
-                self.change(asker, told(&plan), wanted, true)?;
+                self.change(asker, told(&plan), wanted, true);
             }
             _ => {
                 let values = object.get("values").and_then(Value::as_object);
@@ -147,7 +147,7 @@ impl Panel {
                     let value = check(setting, value).map_err(|e| e.to_string())?;
                     wanted.push((setting.number, value));
                 }
-                self.change(asker, Value::Null, wanted, false)?;
+                self.change(asker, Value::Null, wanted, false);
             }
         }
         Ok(())
@@ -178,13 +178,7 @@ impl Panel {
         plan.map_err(|error| format!("{error}; nothing was changed"))
     }
 
-    fn change(
-        &mut self,
-        asker: Asker,
-        ok: Value,
-        wanted: Vec<(u16, i32)>,
-        is_saved: bool,
-    ) -> Result<(), String> {
+    fn change(&mut self, asker: Asker, ok: Value, wanted: Vec<(u16, i32)>, is_saved: bool) {
         let value = |(number, _): &(u16, i32)| {
             let known = self.settings.list.iter().find(|setting| setting.number == *number)?;
             Some((*number, known.value))
@@ -206,7 +200,6 @@ impl Panel {
             failed: None,
         });
         self.next_of_change();
-        Ok(())
     }
 
     fn next_of_change(&mut self) {

@@ -5,7 +5,7 @@
 
 use std::time::Duration;
 
-use protocol::arcos::{ArmCommand, Joints, Packet};
+use protocol::arcos::{ArmCommand, Joints};
 use protocol::extension::Mode;
 use serde_json::{Value, json};
 
@@ -166,7 +166,10 @@ impl Panel {
         };
         self.motion.stop = Some(stop);
         match self.personality() {
-            Personality::Arcos => self.send_stop_of_arm(),
+            // It has no acknowledgement; the joints tell.
+            Personality::Arcos => {
+                let _ = self.session.arm(ArmCommand::Stop(Joints::All), None, self.now);
+            }
             _ => self.send_all_off(),
         }
         Ok(())
@@ -209,16 +212,6 @@ impl Panel {
         self.session.send(&SUSPEND);
         self.command(&NEUTRAL_ALL, Purpose::Stop);
         self.command(&SUSPEND, Purpose::Stop);
-    }
-
-    fn send_stop_of_arm(&mut self) {
-        let mut buffer = [0; 16];
-        if let Ok(bytes) = ArmCommand::Stop(Joints::All).encode(&mut buffer)
-            && let Some(packet) = Packet::parse(bytes)
-        {
-            // It has no acknowledgement; the joints tell.
-            let _ = self.session.packet(&packet, None, self.now);
-        }
     }
 
     pub(super) fn stop_is_heard(&mut self, result: Result<(), Error>) {

@@ -10,7 +10,8 @@ use serde_json::{Map, Value, json};
 
 use super::{PageId, Panel};
 use crate::Number;
-use crate::client::{Servo, Uptime, servo};
+use crate::client::{Uptime, servo};
+use crate::motion::target::unwrapped;
 use crate::session::{Personality, Setting};
 use crate::words;
 
@@ -19,9 +20,6 @@ const SENSORS: Duration = Duration::from_millis(100);
 
 /// The same of states, which come every 20 ms unless the board is told otherwise.
 const STATE: Duration = Duration::from_millis(18);
-
-/// Positions of the wire wrap here.
-const TURN: i64 = 32_768;
 
 /// What was told last, for pages that come later.
 #[derive(Default)]
@@ -149,11 +147,7 @@ impl Panel {
                 let set_point = match channel.mode {
                     Mode::Pwm => rounded(words::percent(channel.set_point), 100.0).into(),
                     // The wire's positions wrap; it is the turn that the shaft is on.
-                    Mode::Position => {
-                        let off = i64::from(channel.position) - i64::from(channel.set_point);
-                        (i64::from(channel.set_point) + (off + TURN / 2).div_euclid(TURN) * TURN)
-                            .into()
-                    }
+                    Mode::Position => unwrapped(channel.set_point.into(), channel.position).into(),
                     _ => Value::from(channel.set_point),
                 };
                 json!({
@@ -242,27 +236,10 @@ impl Panel {
             self.tells.servos = ids.to_vec();
         }
         let told = told.iter().copied().chain(std::iter::repeat(None));
-        let servos: Vec<_> = self
-            .tells
-            .servos
-            .iter()
-            .zip(told)
-            .map(|(&id, told)| servo_json(&servo(id, told)))
-            .collect();
+        let servos: Vec<_> =
+            self.tells.servos.iter().zip(told).map(|(&id, told)| servo(id, told).json()).collect();
         self.tell(&json!({ "tell": "servos", "servos": servos }));
     }
-}
-
-fn servo_json(servo: &Servo) -> Value {
-    let mut told = json!({ "id": servo.id });
-    if let Some([position, speed, load, voltage, temperature]) = servo.registers {
-        told["position"] = position.into();
-        told["speed"] = speed.into();
-        told["load"] = load.into();
-        told["voltage_v"] = (f64::from(voltage) / 10.0).into();
-        told["temperature_c"] = temperature.into();
-    }
-    told
 }
 
 fn fault(record: &FaultRecord) -> Value {
