@@ -153,15 +153,9 @@ pub async fn bus<M: RawMutex>(
             let meanwhile = async {
                 look_at = look(now);
                 loop {
-                    match bus_rx.read(&mut buffer).await {
-                        Ok(count) if count > 0 => {
-                            let heard = &buffer[..count];
-                            bridge.borrow_mut().bus_hears(heard, Instant::now());
-                        }
-                        _ => {
-                            bridge.borrow_mut().bus_failed();
-                            Timer::after(LINE_DOWN).await;
-                        }
+                    let read = bus_rx.read(&mut buffer).await;
+                    if !hear(bridge, read, &buffer, Instant::now()) {
+                        Timer::after(LINE_DOWN).await;
                     }
                 }
             };
@@ -179,18 +173,25 @@ pub async fn bus<M: RawMutex>(
             look_at = look(now);
         }
         let until = bridge.borrow().bus_acts_at().min(now + CHECK_IN_PERIOD);
-        let heard = select(bus_rx.read(&mut buffer), Timer::at(until)).await;
+        let woken = select(bus_rx.read(&mut buffer), Timer::at(until)).await;
         now = Instant::now();
-        match heard {
-            Either::First(Ok(count)) if count > 0 => {
-                bridge.borrow_mut().bus_hears(&buffer[..count], now);
-            }
-            Either::First(_) => {
-                bridge.borrow_mut().bus_failed();
-                Timer::after(LINE_DOWN).await;
-                now = Instant::now();
-            }
-            Either::Second(()) => {}
+        if let Either::First(read) = woken
+            && !hear(bridge, read, &buffer, now)
+        {
+            Timer::after(LINE_DOWN).await;
+            now = Instant::now();
         }
     }
+}
+
+/// Hands the bridge what was read from the bus; whether the line is up.
+fn hear<E>(bridge: &RefCell<Bridge>, read: Result<usize, E>, buffer: &[u8], now: Instant) -> bool {
+    match read {
+        Ok(count) if count > 0 => bridge.borrow_mut().bus_hears(&buffer[..count], now),
+        _ => {
+            bridge.borrow_mut().bus_failed();
+            return false;
+        }
+    }
+    true
 }
