@@ -77,7 +77,7 @@ pub type SharedRecorder<M, R> = Mutex<M, RefCell<Recorder<R>>>;
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     /// What a [`Command::Adopt`] puts into force, one at a time: while it is copied interrupts are off,
-    /// for 77 words, some 2 us.
+    /// for 83 words, some 2 us.
     settings: Channel<M, ControlSettings, 1>,
     pictures: Channel<M, Picture, PICTURES>,
     roll_call: RollCall<M, TASKS>,

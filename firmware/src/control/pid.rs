@@ -22,19 +22,19 @@
 //!
 //! | gain | position loop | velocity loop |
 //! |---|---|---|
-//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s of the error expected in 16 ms (see below), and as much again for every 128 ms that the error lasts |
+//! | Kp = 1 | 2^-15 a count: Kp 50 drives fully at 655 counts | 2^-19 a count/s of the error expected in 16 ms (see below), and as much again for every reset time (128 ms) that the error lasts |
 //! | Kd = 1 | 2^-16 a count/s | 2^-18 a (count/s) per ms |
 //! | Ki = 1.00 | 2^-10 a count and second | 2^-12 a (count/s) and second |
 //! | the most that counts | Kp 32767: full drive at one count; Kd 511: at 128 counts/s | Kp 32767: full drive at 16 counts/s; with it Ki adds nothing. Kd 2047: at 128 (counts/s) per ms |
 //!
-//! The velocity loop's Kp has the reset time of 128 ms built in because hosts leave Ki at 0 and
+//! The velocity loop's Kp has a reset time built in, 128 ms unless its setting says otherwise, because hosts leave Ki at 0 and
 //! expect the speed to be held: a proportional term alone would settle well below the set-point. And it
-//! looks 16 ms ahead along the acceleration, because the estimate of the velocity is that late
+//! looks 16 ms ahead along the acceleration, again unless its setting says otherwise, because the estimate of the velocity is that late
 //! ([`velocity`](super::velocity)): without that a motor four times as fast as its setting runs at twice
-//! the speed asked for a moment. The look-ahead takes its part of the largest Kd, 8 for each Kp.
+//! the speed asked for a moment. The look-ahead takes its part of the largest Kd, 8 for each Kp; a slow motor with a coarse encoder
+//! needs none, and its drive is quieter for it.
 
-use crate::channel::Loop;
-use crate::settings::HostGains;
+use crate::settings::{HostGains, Reset};
 use fixed::FixedI32;
 use fixed::traits::LossyFrom;
 use fixed::types::{I2F30, I10F54, I16F16, I24F8, extra::U38};
@@ -55,25 +55,29 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// The gains of one loop.
-    pub fn new(control_loop: Loop, gains: HostGains) -> Self {
-        let kp = i32::from(gains.kp.min(32767));
+    /// The gains of a position loop.
+    pub fn position(gains: HostGains) -> Self {
         let (ki, kd) = (i64::from(gains.ki_hundredths), i64::from(gains.kd));
-        // What is worth 2^-n is bit 30 - n of kp, and bit 38 - n of ki and kd. Ki counts hundredths,
-        // and is for a second of 1000 periods.
-        let (ki, kd) = match control_loop {
-            Loop::Position => ((ki << (38 - 10)) / 100_000, kd.min(511) << (38 - 16)),
-            Loop::Velocity => {
-                // + 4: the unit of this loop's error is 2^4 counts/s.
-                let ki = (ki << (38 - 12 + 4)) / 100_000;
-                let kp_per_period = i64::from(kp) << (38 - 15 - 7); // over 2^7 periods
-                let kp_ahead = i64::from(kp) << (38 - 19 + 4); // by 2^4 periods
-                let kd = (kd.min(2047) << (38 - 18)).saturating_add(kp_ahead);
-                (ki.saturating_add(kp_per_period), kd)
-            }
-        };
+        Self::of(gains.kp, (ki << (38 - 10)) / 100_000, kd.min(511) << (38 - 16))
+    }
+
+    /// The gains of a velocity loop.
+    pub fn velocity(gains: HostGains, reset: Reset) -> Self {
+        let kp = i64::from(gains.kp.min(32767));
+        let (ki, kd) = (i64::from(gains.ki_hundredths), i64::from(gains.kd));
+        // + 4: the unit of this loop's error is 2^4 counts/s.
+        let ki = (ki << (38 - 12 + 4)) / 100_000;
+        let kp_per_period = (kp << (38 - 15)).checked_div(reset.time_ms.into()).unwrap_or(0);
+        let kp_ahead = (kp << (38 - 19)).saturating_mul(reset.look_ahead_ms.min(16).into());
+        let kd = (kd.min(2047) << (38 - 18)).saturating_add(kp_ahead);
+        Self::of(gains.kp, ki.saturating_add(kp_per_period), kd)
+    }
+
+    /// What is worth 2^-n is bit 30 - n of kp, and bit 38 - n of ki and kd. Ki counts hundredths, and is for
+    /// a second of 1000 periods.
+    fn of(kp: u16, ki: i64, kd: i64) -> Self {
         Self {
-            kp: I2F30::from_bits(kp << (30 - 15)),
+            kp: I2F30::from_bits(i32::from(kp.min(32767)) << (30 - 15)),
             ki: FixedI32::from_bits(saturate(ki)),
             minus_kd: FixedI32::from_bits(saturate(kd).saturating_neg()),
         }
@@ -219,6 +223,7 @@ impl Pid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::channel::Loop;
 
     /// The formula in floating point, on the numbers of the wire: what a term is worth.
     fn terms(control_loop: Loop, host: HostGains, error: f64, rate: f64) -> (f64, f64, f64) {
@@ -236,6 +241,13 @@ mod tests {
         (proportional, integral, (f64::from(host.kd) * kd + ahead).min(half_to_the(7)) * rate)
     }
 
+    fn gains_of(control_loop: Loop, host: HostGains) -> Gains {
+        match control_loop {
+            Loop::Position => Gains::position(host),
+            Loop::Velocity => Gains::velocity(host, Reset::DEFAULT),
+        }
+    }
+
     fn of(control_loop: Loop, error: I24F8) -> Error {
         match control_loop {
             Loop::Position => Error::of_position(error),
@@ -248,7 +260,7 @@ mod tests {
         for control_loop in [Loop::Position, Loop::Velocity] {
             for (kp, kd, ki_hundredths) in [(50, 5, 0), (1, 0, 0), (0, 511, 0), (900, 33, 40_000)] {
                 let host = HostGains { kp, kd, ki_hundredths };
-                let gains = Gains::new(control_loop, host);
+                let gains = gains_of(control_loop, host);
                 for (error, rate) in [(0, 0), (1, 1), (-1, 3), (9, -40), (-40, 9)] {
                     let (p, i, d) = terms(control_loop, host, error.into(), rate.into());
                     let (error, rate) =
@@ -268,9 +280,35 @@ mod tests {
     }
 
     #[test]
+    fn a_reset_time_and_a_look_ahead_are_what_their_settings_say() {
+        let host = HostGains { kp: 200, kd: 0, ki_hundredths: 0 };
+        let drive_after = |reset, periods: usize, rate: i32| {
+            let (gains, mut pid) = (Gains::velocity(host, reset), Pid::new());
+            let error = Error::of_velocity(CountsPerSecond::from_num(64));
+            let mut step =
+                || pid.step(&gains, error, I24F8::from_num(rate), Drive::ZERO, &Limits::FULL);
+            (0..periods).map(|_| step()).last().unwrap().to_num::<f64>()
+        };
+        let proportional = 200.0 * 64.0 / 524_288.0;
+        for time_ms in [50, 128, 1000] {
+            let reset = Reset { time_ms, look_ahead_ms: 0 };
+            let twice = drive_after(reset, time_ms.into(), 0);
+            assert!((twice / proportional - 2.0).abs() < 0.02, "{time_ms}: {twice}");
+        }
+        for look_ahead_ms in [0, 5, 16] {
+            let reset = Reset { time_ms: 1000, look_ahead_ms };
+            let ahead = drive_after(reset, 1, 0) - drive_after(reset, 1, 3);
+            let expected = 200.0 * 3.0 * f64::from(look_ahead_ms) / 524_288.0;
+            assert!((ahead - expected).abs() < 2e-4, "{look_ahead_ms}: {ahead}");
+        }
+        let none = drive_after(Reset { time_ms: 0, ..Reset::DEFAULT }, 500, 0);
+        assert!((none - proportional).abs() < 1e-3, "no reset at all: {none}");
+    }
+
+    #[test]
     fn an_integral_adds_up_what_is_far_below_a_bit_of_the_drive() {
         let gains = HostGains { kp: 0, kd: 0, ki_hundredths: 1 };
-        let gains = Gains::new(Loop::Position, gains);
+        let gains = Gains::position(gains);
         let mut pid = Pid::new();
         let error = Error::of_position(Counts::ONE);
         let mut step = || pid.step(&gains, error, I24F8::ZERO, Drive::ZERO, &Limits::FULL);
@@ -284,7 +322,7 @@ mod tests {
         let most = HostGains { kp: u16::MAX, kd: u16::MAX, ki_hundredths: u16::MAX };
         let extremes = [i32::MIN, -1 << 23, -256, 0, 256, 1 << 23, i32::MAX];
         for control_loop in [Loop::Position, Loop::Velocity] {
-            let gains = Gains::new(control_loop, most);
+            let gains = gains_of(control_loop, most);
             for error in extremes {
                 for rate in extremes {
                     for forward in [-(1 << 28) + 1, 0, (1 << 28) - 1].map(Drive::from_bits) {
@@ -312,7 +350,7 @@ mod tests {
     #[test]
     fn what_a_limit_holds_back_does_not_add_up() {
         let host = HostGains { kp: 0, kd: 0, ki_hundredths: 5000 };
-        let gains = Gains::new(Loop::Position, host);
+        let gains = Gains::position(host);
         let limits = Limits { high: Drive::ONE / 4, ..Limits::FULL };
         let mut pid = Pid::new();
         let mut step = |error: i32, limits: &Limits| {

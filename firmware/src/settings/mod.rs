@@ -56,6 +56,21 @@ impl HostGains {
     pub const DEFAULT: Self = Self { kp: 50, kd: 5, ki_hundredths: 0 };
 }
 
+/// What a velocity loop's Kp brings with it, in ms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reset {
+    /// How long an error lasts until the integral has added as much as Kp; not 0.
+    pub time_ms: u16,
+    /// How far the loop looks ahead along the acceleration, 0 to 16.
+    pub look_ahead_ms: u8,
+}
+
+impl Reset {
+    /// The default.
+    pub const DEFAULT: Self = Self { time_ms: 128, look_ahead_ms: 16 };
+}
+
 /// A DC channel: how it is wired and controlled, and what its drive and set-point are held to. None of
 /// the latter lengthens a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +80,8 @@ pub struct ChannelSettings {
     pub position: HostGains,
     /// The gains of the velocity loop.
     pub velocity: HostGains,
+    /// What its Kp brings with it.
+    pub velocity_reset: Reset,
     /// What measures the shaft; `None` leaves it to the motion commands.
     pub sensor: Option<Sensor>,
     /// What set-points mean; `None` leaves it to the motion commands.
@@ -88,6 +105,7 @@ impl ChannelSettings {
     pub const DEFAULT: Self = Self {
         position: HostGains::DEFAULT,
         velocity: HostGains::DEFAULT,
+        velocity_reset: Reset::DEFAULT,
         sensor: None,
         method: None,
         polarity: Polarity::Positive,

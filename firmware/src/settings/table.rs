@@ -144,7 +144,7 @@ impl Row {
 
     /// The number of the nth.
     pub fn number(&self, n: usize) -> u16 {
-        self.number + u16::from(self.step) * u16::from(self.member(n).unwrap_or(0)) // 173 at the most
+        self.number + u16::from(self.step) * u16::from(self.member(n).unwrap_or(0)) // 279 at the most
     }
 }
 
@@ -352,6 +352,12 @@ settings! {
         207 + 10 * [1..=6], "full speed", CountsPerSecond, 0..=8000000, 0,
             "channel n's speed at full drive, for feed-forward; 0 is setting 3 or 4",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.full_speed);
+        267 + 1 * [1..=6], "velocity reset", Milliseconds, 1..=60000, 128,
+            "how long an error lasts until the velocity loop's integral has added as much as Kp",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity_reset.time_ms);
+        273 + 1 * [1..=6], "velocity look-ahead", Milliseconds, 0..=16, 16,
+            "how far the velocity loop looks ahead along the acceleration; less is quieter on a coarse encoder",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.velocity_reset.look_ahead_ms);
     }
 
     /// When the collision protection (sub-command 13) holds the wheels back.

@@ -54,6 +54,7 @@ pub mod picture;
 pub mod session;
 pub mod step;
 pub mod transport;
+pub mod tune;
 pub mod web;
 pub mod words;
 

@@ -7,7 +7,6 @@ use core::hint::black_box;
 
 use dsp_fixedpoint::Q32;
 use dsp_process::SplitProcess;
-use firmware::channel::Loop;
 use firmware::control::pid::{Error, Gains, Limits, Pid};
 use firmware::settings::HostGains;
 use firmware::units::{Counts, Drive};
@@ -78,7 +77,7 @@ fn ours() -> Bank<Counts, Drive, impl FnMut(usize, Counts, Counts) -> Drive> {
         kd: (kd * 65536.0) as u16,
         ki_hundredths: (ki * 1024.0 * 1000.0 * 100.0) as u16,
     };
-    let gains = Gains::new(Loop::Position, gains);
+    let gains = Gains::position(gains);
     let mut channels = [(Pid::new(), gains, Counts::ZERO, Drive::ZERO); CHANNELS];
     let limits = Limits::FULL;
     let step = move |i: usize, set_point: Counts, measured: Counts| {

@@ -18,7 +18,7 @@
 
 mod period;
 
-use crate::channel::{Channel, Loop, Method, Polarity, Sensor};
+use crate::channel::{Channel, Method, Polarity, Sensor};
 use fixed::{FixedI32, types::extra::U24};
 
 use crate::control::lead::Lead;
@@ -27,8 +27,8 @@ use crate::control::saturate;
 use crate::control::track::{Track, last_count};
 use crate::control::trajectory::{Course, Profile, Ramp};
 use crate::ports::MotorOutput;
-use crate::settings::HostGains;
 use crate::settings::{ChannelSettings, ControlSettings, SoftLimits};
+use crate::settings::{HostGains, Reset};
 use crate::units::{Counts, CountsPerSecond, Drive, Duty, PERIODS_PER_SECOND};
 
 /// Periods in which a stop by link loss brings the set-point to rest, and after which the bridge
@@ -238,8 +238,8 @@ impl Axis {
             chosen_method: None,
             sensor: Sensor::SinglePotentiometer,
             polarity: Polarity::Positive,
-            position: Gains::new(Loop::Position, HostGains::DEFAULT),
-            velocity: Gains::new(Loop::Velocity, HostGains::DEFAULT),
+            position: Gains::position(HostGains::DEFAULT),
+            velocity: Gains::velocity(HostGains::DEFAULT, Reset::DEFAULT),
             full_speed: 0,
             feed_forward: FixedI32::ZERO,
             settings: ChannelSettings::DEFAULT,
@@ -500,8 +500,8 @@ impl Axis {
             .unwrap_or(FixedI32::ZERO);
         let own = settings.channels.get(channel.index());
         self.settings = own.copied().unwrap_or(ChannelSettings::DEFAULT);
-        self.position = Gains::new(Loop::Position, self.settings.position);
-        self.velocity = Gains::new(Loop::Velocity, self.settings.velocity);
+        self.position = Gains::position(self.settings.position);
+        self.velocity = Gains::velocity(self.settings.velocity, self.settings.velocity_reset);
         let has_integral = match self.method {
             Method::Pwm => true,
             Method::Position => self.position.has_integral(),
