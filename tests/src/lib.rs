@@ -33,16 +33,38 @@ pub mod host;
 pub mod pms5005;
 pub mod timeline;
 
+use std::ops::Range;
+
 use firmware::channel::Channel;
+use firmware::controller::Snapshot;
+use firmware::personality::{BlockRows, View};
+use firmware::recorder::{Recorder, Recording};
 pub use pms5005::{Bench, Received};
 use protocol::extension::Fault;
 pub use timeline::Link;
 
 /// The latched faults in the extension's words: with their channels, from 0, or none for the board's.
-pub fn latched(snapshot: &firmware::controller::Snapshot) -> Vec<(Fault, Option<u8>)> {
+pub fn latched(snapshot: &Snapshot) -> Vec<(Fault, Option<u8>)> {
     let name = |(fault, channel): (firmware::safety::faults::Fault, Option<Channel>)| {
         let fault = Fault::from_number(fault.number()).expect("it has the same number");
         (fault, channel.map(|channel| channel.index() as u8))
     };
     snapshot.faults.iter().map(name).collect()
+}
+
+/// A board at this moment, which has recorded nothing.
+pub struct At(pub Snapshot);
+
+impl View for At {
+    fn snapshot(&self) -> Snapshot {
+        self.0
+    }
+
+    fn recording(&self) -> Recording {
+        Recorder::new([]).recording()
+    }
+
+    fn rows(&self, _numbers: Range<usize>) -> (u8, BlockRows) {
+        (0, BlockRows::new())
+    }
 }

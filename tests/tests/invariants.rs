@@ -368,7 +368,7 @@ fn chaos(seed: u64) -> [u32; 32] {
             }
         }
         if period % 5 == 0
-            && let Some(frame) = session.transmit(now, || snapshot, &mut out)
+            && let Some(frame) = session.transmit(now, &At(snapshot), &mut out)
         {
             let mut whole = frame;
             assert_eq!(host.receive(&mut whole), Some(frame), "what is sent is intact");

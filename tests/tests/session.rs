@@ -2,37 +2,18 @@
 //! line that is full.
 
 use std::num::NonZeroU8;
-use std::ops::Range;
 
 use embassy_time::{Duration, Instant};
 use firmware::controller::Snapshot;
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
-use firmware::personality::{BlockRows, MAX_FRAME, Session, View};
-use firmware::recorder::{Recorder, Recording};
+use firmware::personality::{MAX_FRAME, Session};
 use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
 use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
 use tests::Link::Silent;
-use tests::{Bench, Received};
-
-/// A board at this moment, which has recorded nothing.
-struct At(Snapshot);
-
-impl View for At {
-    fn snapshot(&self) -> Snapshot {
-        self.0
-    }
-
-    fn recording(&self) -> Recording {
-        Recorder::new([]).recording()
-    }
-
-    fn rows(&self, _numbers: Range<usize>) -> (u8, BlockRows) {
-        (0, BlockRows::new())
-    }
-}
+use tests::{At, Bench, Received};
 
 fn telemetry(reports: Reports, repeat: Repeat) -> Command<'static> {
     Command::Telemetry { reports, repeat }

@@ -1,0 +1,244 @@
+//! What a procedure does to a board, one thing after the other: ask, drive, watch, record.
+
+use std::future::poll_fn;
+use std::sync::{Arc, Mutex};
+use std::task::Poll;
+use std::time::Duration;
+
+use protocol::extension::{
+    BLOCK, ChannelState, Mode, Phase, Reason, Recording, Request, Row, Setup, Trigger,
+};
+
+use super::job::{Ask, Refused, Shared, look, refusal};
+use crate::motion::target::{self, Target};
+use crate::number::Number;
+use crate::session::Reply;
+use crate::words;
+
+/// A machine state may be older than a command that was just acknowledged.
+const GRACE: Duration = Duration::from_millis(100);
+/// A board that tells nothing for so long cannot be watched.
+const SILENCE: Duration = Duration::from_millis(500);
+/// Blocks that are asked for at once.
+const RUN: u16 = 32;
+/// How often blocks of a recording may be lost.
+const TRIES: usize = 8;
+
+/// A procedure's hand on one motor.
+pub(super) struct Hand {
+    shared: Arc<Mutex<Shared>>,
+    pub(super) motor: Number,
+    /// It has been told to stop, and is ending.
+    is_ending: bool,
+    /// What the motor was last asked for, and when that was acknowledged.
+    driven: Option<(Mode, Duration)>,
+}
+
+impl Hand {
+    pub(super) fn new(shared: Arc<Mutex<Shared>>, motor: Number) -> Self {
+        Self { shared, motor, is_ending: false, driven: None }
+    }
+
+    pub(super) fn now(&self) -> Duration {
+        look(&self.shared).now
+    }
+
+    /// It is to be stopped again, if somebody wants that.
+    pub(super) fn begin(&mut self, doing: &'static str) {
+        self.is_ending = false;
+        self.says(doing);
+    }
+
+    /// What it is about from now on.
+    pub(super) fn says(&self, doing: &'static str) {
+        look(&self.shared).doing = doing;
+    }
+
+    /// Why it is to end, if it is.
+    fn stopped(&self) -> Option<Refused> {
+        let why = look(&self.shared).stop.clone();
+        why.filter(|_| !self.is_ending).map(Refused::Stopped)
+    }
+
+    /// Asks, and waits for what comes of it.
+    async fn ask(&self, ask: Ask, what: &'static str) -> Result<Reply, Refused> {
+        if let Some(stopped) = self.stopped() {
+            return Err(stopped);
+        }
+        look(&self.shared).ask = Some(ask);
+        let reply = poll_fn(|_| match look(&self.shared).reply.take() {
+            Some(reply) => Poll::Ready(reply),
+            None => Poll::Pending,
+        });
+        reply.await.map_err(|failure| refusal(failure, what))
+    }
+
+    /// Waits until a time.
+    pub(super) async fn until(&self, time: Duration) -> Result<(), Refused> {
+        poll_fn(|_| match self.stopped() {
+            Some(stopped) => Poll::Ready(Err(stopped)),
+            None if self.now() >= time => Poll::Ready(Ok(())),
+            None => Poll::Pending,
+        })
+        .await
+    }
+
+    /// The value of a setting.
+    pub(super) async fn get(&self, number: u16) -> Result<i32, Refused> {
+        match self.ask(Ask::Request(Request::Setting(number)), "a setting").await? {
+            Reply::Setting(setting) => Ok(setting.value),
+            _ => Err(Refused::Line("the board's answer is another's: try again".into())),
+        }
+    }
+
+    /// Sets settings, all or none.
+    pub(super) async fn set(&self, values: &[(u16, i32)]) -> Result<(), Refused> {
+        self.ask(Ask::Set(values.to_vec()), "settings").await.map(drop)
+    }
+
+    /// The next machine state's channel.
+    pub(super) async fn state(&self) -> Result<ChannelState, Refused> {
+        let seen = look(&self.shared).states;
+        let began = self.now();
+        poll_fn(|_| {
+            if let Some(stopped) = self.stopped() {
+                return Poll::Ready(Err(stopped));
+            }
+            let shared = look(&self.shared);
+            match shared.state.filter(|_| shared.states != seen) {
+                Some((state, _)) => Poll::Ready(Ok(state.channels[self.motor.index()])),
+                None if shared.now > began + SILENCE => Poll::Ready(Err(Refused::Stopped(
+                    "the board tells no machine state any more: check the line".into(),
+                ))),
+                None => Poll::Pending,
+            }
+        })
+        .await
+    }
+
+    /// Drives the motor; a duty is reached in so long.
+    pub(super) async fn drive(&mut self, target: Target, ramp: Duration) -> Result<(), Refused> {
+        look(&self.shared).is_driving = true;
+        let command = target.command(self.motor, ramp);
+        self.ask(Ask::Command(command), "a motion command").await?;
+        self.driven = Some((target.in_the_state().0, self.now()));
+        Ok(())
+    }
+
+    /// Watches the motor until a time, or until `is_enough` of what it does.
+    pub(super) async fn watch(
+        &self,
+        until: Duration,
+        mut is_enough: impl FnMut(&ChannelState) -> bool,
+    ) -> Result<(), Refused> {
+        while self.now() < until {
+            let channel = self.state().await?;
+            self.look(&channel)?;
+            if is_enough(&channel) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether it still does what was asked.
+    fn look(&self, channel: &ChannelState) -> Result<(), Refused> {
+        let Some((mode, since)) = self.driven else { return Ok(()) };
+        let stopped = |why: String| Err(Refused::Stopped(format!("motor {}: {why}", self.motor)));
+        let is_new = self.now() <= since + GRACE;
+        match channel.reason {
+            Reason::OtherMethod | Reason::BeyondScale if is_new => Ok(()),
+            Reason::Obstacle | Reason::SoftLimit | Reason::OverCurrent | Reason::Overload => {
+                stopped(words::reason(channel).unwrap_or_default())
+            }
+            _ if is_new || channel.mode == mode => Ok(()),
+            _ if channel.mode == Mode::Off => stopped(
+                words::reason(channel).unwrap_or_else(|| "another host has stopped it".into()),
+            ),
+            _ => stopped("another host drives it: end that host".into()),
+        }
+    }
+
+    /// Takes the drive away, waits until the shaft stands, so long at the most, and switches it off: what
+    /// begins then begins afresh, without a crossing over from another method.
+    pub(super) async fn rest(&mut self, most: Duration) -> Result<(), Refused> {
+        const STILL: Duration = Duration::from_millis(150);
+        self.drive(Target::Duty(0.0), Duration::ZERO).await?;
+        let (end, mut still) = (self.now() + most, (i32::MIN, self.now()));
+        while self.now() < end && self.now() < still.1 + STILL {
+            let channel = self.state().await?;
+            self.look(&channel)?;
+            if channel.position.wrapping_sub(still.0).saturating_abs() > 4 {
+                still = (channel.position, self.now());
+            }
+        }
+        self.driven = None;
+        self.ask(Ask::Command(target::suspend(self.motor)), "a stop").await.map(drop)
+    }
+
+    /// Switches the motor off, whatever has happened.
+    pub(super) async fn end(&mut self) -> Result<(), Refused> {
+        self.is_ending = true;
+        self.driven = None;
+        let neutral = self.ask(Ask::Command(target::neutral(self.motor)), "a stop").await;
+        let off = self.ask(Ask::Command(target::suspend(self.motor)), "a stop").await;
+        look(&self.shared).is_driving = false;
+        neutral.and(off).map(drop)
+    }
+
+    /// Begins a recording of the motor, at the next motion command.
+    pub(super) async fn record(&self, every: u16, samples: u16) -> Result<Recording, Refused> {
+        let channels = 1 << self.motor.index();
+        let trigger = Trigger::Motion;
+        let setup = Setup { channels, trigger, decimation: every, samples, before: 0 };
+        self.recording(Request::Record(setup)).await
+    }
+
+    /// How the recorder is.
+    pub(super) async fn recording(&self, request: Request<'static>) -> Result<Recording, Refused> {
+        match self.ask(Ask::Request(request), "a recorder").await? {
+            Reply::Recording(recording) => Ok(recording),
+            _ => Err(Refused::Line("the board's answer is another's: try again".into())),
+        }
+    }
+
+    /// Reads a recording, once it is done.
+    pub(super) async fn rows(&self, serial: u8) -> Result<Vec<Row>, Refused> {
+        let other = || Refused::Stopped("another host uses the recorder: end that host".into());
+        let recording = loop {
+            let recording = self.recording(Request::Recording).await?;
+            if recording.serial != serial {
+                return Err(other());
+            }
+            if recording.phase == Phase::Done {
+                break recording;
+            }
+            self.until(self.now() + Duration::from_millis(50)).await?;
+        };
+        let count = usize::from(recording.taken);
+        let mut blocks: Vec<Option<Vec<Row>>> = vec![None; count.div_ceil(BLOCK)];
+        for _ in 0..blocks.len().div_ceil(RUN.into()) + TRIES {
+            let Some(first) = blocks.iter().position(Option::is_none) else { break };
+            let missing = blocks.iter().skip(first).take_while(|block| block.is_none()).count();
+            let count = u16::try_from(missing).unwrap_or(RUN).min(RUN);
+            look(&self.shared).blocks.clear();
+            let request = Request::Blocks { first: first as u16, count };
+            // What is lost, the last one too, is asked for in the next round.
+            let _ = self.ask(Ask::Request(request), "a recording").await;
+            let came = std::mem::take(&mut look(&self.shared).blocks);
+            for block in came {
+                if block.serial != serial {
+                    return Err(other());
+                }
+                if let Some(place) = blocks.get_mut(usize::from(block.number)) {
+                    *place = Some(block.rows().to_vec());
+                }
+            }
+            self.until(self.now()).await?;
+        }
+        let rows: Option<Vec<_>> = blocks.into_iter().collect();
+        let lost =
+            || Refused::Line("parts of the recording do not come through: check the line".into());
+        Ok(rows.ok_or_else(lost)?.concat())
+    }
+}

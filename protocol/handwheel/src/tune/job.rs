@@ -1,0 +1,249 @@
+//! A procedure as a session without I/O, for whoever has a line and a clock: a program that waits, a page, a
+//! test on virtual time.
+
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll, Waker};
+use std::time::Duration;
+
+use protocol::extension::{Assignments, Block, MachineState, Request};
+use protocol::pms5005::{Command, Data};
+
+use crate::error::Error;
+use crate::session::{Event, Failure, Personality, Reply, Session};
+
+/// Something to be asked of the board; one at a time.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ask {
+    /// A request of the extension.
+    Request(Request<'static>),
+    /// To set settings, all or none: their numbers and values.
+    Set(Vec<(u16, i32)>),
+    /// A command, to be acknowledged.
+    Command(Command<'static>),
+}
+
+impl Ask {
+    /// Has a session ask it.
+    ///
+    /// # Errors
+    /// [`Failure::NotCarried`].
+    pub fn begin(&self, session: &mut Session, now: Duration) -> Result<(), Failure> {
+        match self {
+            Self::Request(request) => session.ask(request, now),
+            Self::Command(command) => session.command(command, now),
+            Self::Set(values) => {
+                let mut data = Data::new();
+                for &(number, value) in values {
+                    Assignments::emit(number, value, &mut data).map_err(|_| Failure::NotCarried)?;
+                }
+                let assignments = Assignments::parse(&data).map_err(|_| Failure::NotCarried)?;
+                session.ask(&Request::Set(assignments), now)
+            }
+        }
+    }
+}
+
+/// Why nothing was found, or nothing was changed. The motor is off, and the settings are as they were.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Refused {
+    /// Neither counts nor a current: not connected, not supplied, or not enabled.
+    Dead,
+    /// A current, and no counts.
+    Stuck,
+    /// Counts go against the duty.
+    WrongWay,
+    /// What was recorded is no motor's: the fit in percent.
+    PoorFit(f64),
+    /// Nothing was seen that a motor could be found in.
+    NoMotion,
+    /// A joint stands too near to an end of its travel: where, and between what it may be.
+    NoRoom(i32, i32, i32),
+    /// No loop would be steady.
+    NoLoop,
+    /// The step was not what was predicted: in words.
+    Unconfirmed(String),
+    /// Stopped before its end, and why.
+    Stopped(String),
+    /// The board refused something, or did not answer.
+    Line(String),
+}
+
+impl std::fmt::Display for Refused {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Dead => f.write_str(
+                "neither counts nor a current: check the motor's wires, its supply and the driver's enable line",
+            ),
+            Self::Stuck => f.write_str(
+                "a current flows and nothing is counted: check whether the shaft is free and the sensor connected",
+            ),
+            Self::WrongWay => f.write_str(
+                "the counts fall when they should rise: swap the motor's wires, or `handwheel check N --set-polarity`",
+            ),
+            Self::PoorFit(percent) => write!(
+                f,
+                "what was recorded is no motor's with a load (fit {percent:.0} %): check for slipping, play, a loose encoder; or allow more duty"
+            ),
+            Self::NoMotion => f.write_str(
+                "it hardly moves at this duty: allow more with `--highest-duty`, or check what holds it",
+            ),
+            Self::NoRoom(at, low, high) => write!(
+                f,
+                "it stands at {at}, too near to an end of its travel, {low} to {high}: move it to the middle first"
+            ),
+            Self::NoLoop => f.write_str(
+                "no loop would be steady with this sensor: it has too few counts for such a motor",
+            ),
+            Self::Unconfirmed(why) => write!(f, "the step was not as predicted ({why}): nothing was changed"),
+            Self::Stopped(why) | Self::Line(why) => f.write_str(why),
+        }
+    }
+}
+
+impl std::error::Error for Refused {}
+
+/// What a job and its procedure share.
+#[derive(Default)]
+pub(super) struct Shared {
+    pub(super) now: Duration,
+    /// What is to be asked, and what came of it.
+    pub(super) ask: Option<Ask>,
+    pub(super) reply: Option<Result<Reply, Failure>>,
+    /// The newest machine state, when it was heard, and how many there were.
+    pub(super) state: Option<(MachineState, Duration)>,
+    pub(super) states: u64,
+    /// Blocks of a recording that nobody has taken yet.
+    pub(super) blocks: Vec<Block>,
+    /// Why it is to end.
+    pub(super) stop: Option<String>,
+    pub(super) is_driving: bool,
+    /// What it is about, for people.
+    pub(super) doing: &'static str,
+}
+
+/// The shared part, for as long as one side looks at it.
+pub(super) fn look(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+type Procedure<T> = Pin<Box<dyn Future<Output = Result<T, Refused>> + Send>>;
+
+/// A procedure under way. See the [module](self).
+pub struct Job<T> {
+    shared: Arc<Mutex<Shared>>,
+    procedure: Option<Procedure<T>>,
+    outcome: Option<Result<T, Refused>>,
+    /// When machine states are asked for anew, if nobody else does.
+    renew: Duration,
+    life: Option<Duration>,
+}
+
+/// So many machine states are asked for at once, and so often.
+const STATES: u8 = 255;
+const RENEW: Duration = Duration::from_secs(2);
+/// How often signs of life are sent.
+const LIFE: Duration = Duration::from_millis(200);
+
+impl<T> Job<T> {
+    pub(super) fn new<P>(procedure: impl FnOnce(Arc<Mutex<Shared>>) -> P) -> Self
+    where
+        P: Future<Output = Result<T, Refused>> + Send + 'static,
+    {
+        let shared = Arc::<Mutex<Shared>>::default();
+        let procedure: Procedure<T> = Box::pin(procedure(shared.clone()));
+        let procedure = Some(procedure);
+        Self { shared, procedure, outcome: None, renew: Duration::ZERO, life: None }
+    }
+
+    /// Goes on at this time as far as it can. What is returned is to be asked of the board, and what comes of
+    /// it to be [told](Self::answer).
+    pub fn advance(&mut self, now: Duration) -> Option<Ask> {
+        look(&self.shared).now = now;
+        if let Some(procedure) = &mut self.procedure {
+            let mut context = Context::from_waker(Waker::noop());
+            if let Poll::Ready(outcome) = procedure.as_mut().poll(&mut context) {
+                (self.procedure, self.outcome) = (None, Some(outcome));
+            }
+        }
+        look(&self.shared).ask.take()
+    }
+
+    /// What came of what was asked.
+    pub fn answer(&mut self, result: Result<Reply, Failure>) {
+        look(&self.shared).reply = Some(result);
+    }
+
+    /// Takes what the board tells: machine states and blocks of the recording count.
+    pub fn see(&mut self, event: &Event) {
+        let mut shared = look(&self.shared);
+        match event {
+            Event::State(state) => {
+                shared.state = Some((*state, shared.now));
+                shared.states += 1;
+            }
+            Event::Block(block) => shared.blocks.push(*block),
+            _ => {}
+        }
+    }
+
+    /// Ends it in good order: the motor is switched off, and what was set is set back.
+    pub fn stop(&mut self, why: &str) {
+        look(&self.shared).stop.get_or_insert_with(|| why.to_owned());
+    }
+
+    /// Whether it drives, and signs of life are to be sent.
+    pub fn is_driving(&self) -> bool {
+        look(&self.shared).is_driving
+    }
+
+    /// What it is about, for people.
+    pub fn doing(&self) -> &'static str {
+        look(&self.shared).doing
+    }
+
+    /// Whether it is over.
+    pub fn is_over(&self) -> bool {
+        self.procedure.is_none()
+    }
+
+    /// What came of it, once it is over.
+    pub fn outcome(&mut self) -> Option<Result<T, Refused>> {
+        self.outcome.take()
+    }
+
+    /// Goes on over a session that nobody else uses meanwhile. Call it whenever bytes were received, and every
+    /// 10 ms at the least; then write what the session has to say.
+    pub fn converse(&mut self, session: &mut Session, now: Duration) {
+        look(&self.shared).now = now;
+        session.advance(now);
+        while let Some(event) = session.take_event() {
+            match event {
+                Event::Answered(reply) => self.answer(Ok(reply)),
+                Event::Failed(failure) => self.answer(Err(failure)),
+                event => self.see(&event),
+            }
+        }
+        if now >= self.renew && !self.is_over() {
+            self.renew = now + RENEW;
+            let often = std::num::NonZeroU8::new(STATES)
+                .map_or(protocol::pms5005::Repeat::Continuous, protocol::pms5005::Repeat::Times);
+            session.send(&Command::Extension(Request::State(often)));
+        }
+        if let Some(ask) = self.advance(now)
+            && let Err(failure) = ask.begin(session, now)
+        {
+            self.answer(Err(failure));
+        }
+        let life = self.is_driving().then_some(LIFE);
+        if life != self.life {
+            self.life = life;
+            session.drive(life, now);
+        }
+    }
+}
+
+/// In words, what a board refused.
+pub(super) fn refusal(failure: Failure, what: &'static str) -> Refused {
+    Refused::Line(Error::of(failure, Personality::Pms5005, what).to_string())
+}

@@ -1,0 +1,31 @@
+//! Checking and tuning that ask the machine, as a session without I/O.
+//!
+//! Vocabulary: a [`Job`] is such a session: it says what to [`Ask`] the board next, is told what came of it and what
+//! the board tells, and the time; it ends with an outcome. A *procedure* is what it does, written one thing
+//! after the other.
+//!
+//! - [`check()`]: does the sensor move, which way, does a current flow; before any loop is closed;
+//! - [`tune()`]: what the motor is ([`Motor`], by least squares from what the board has recorded), gains for it by
+//!   rules, and one step that confirms what was predicted.
+//!
+//! # Promises
+//! - No more than the duty that was allowed, and a joint stays within its travel.
+//! - However it ends (a fault, an obstacle, silence, another host, a stop), the motor is off, and what was
+//!   set meanwhile is set back. If the line is gone, the board's own watch stops the motor, and a restart brings
+//!   back what was saved.
+//! - Nothing is saved.
+
+mod check;
+mod fit;
+mod gains;
+mod hand;
+mod job;
+mod model;
+mod procedure;
+
+pub use check::{Checked, Way, check};
+pub use fit::Fit;
+pub use gains::{Design, Gains, Loop, Step};
+pub use job::{Ask, Job, Refused};
+pub use model::Motor;
+pub use procedure::{Options, Plan, Tuned, plan, tune};
