@@ -32,6 +32,7 @@ pub mod foreign;
 pub mod host;
 pub mod pms5005;
 pub mod timeline;
+pub mod workshop;
 
 use firmware::channel::Channel;
 pub use pms5005::{Bench, Received};
