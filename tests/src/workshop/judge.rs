@@ -10,12 +10,24 @@
 //! in the same way) then is from its mean, at most, is its *ripple*: overshoot is counted from so far above the
 //! target, and the band of 5 % is so much wider, up to 5 % of the target.
 //!
+//! What a tuning must be for the bench is in [`failures`].
+//!
 //! *Settling* is the time from the jump of the set-point until the speed stays in its band. *Steady error* is
 //! the target less the mean of the last quarter, in percent of the target.
 
 use super::motor::Drive;
-use super::plant::Plant;
+use super::plant::{Plant, Truth};
 use super::rig::Rig;
+use super::tuner::Tuned;
+
+/// To which part of full speed the step goes.
+pub const STEP: f64 = 0.4;
+/// Of K and tau, in percent.
+pub const MOST_OFF: f64 = 5.0;
+/// In percent of the step.
+pub const MOST_OVERSHOOT: f64 = 10.0;
+/// Parts of what was predicted.
+pub const MOST_SETTLING: f64 = 1.2;
 
 /// Within which part of the target a speed counts as settled.
 const SETTLED: f64 = 0.05;
@@ -39,11 +51,11 @@ pub struct Response {
     pub ripple: f64,
 }
 
-/// Has motor 1 step from standstill to this part of its full speed, at most to what the wire can ask for,
-/// and watches it for 4 s and eight time constants.
-pub fn step(rig: &mut Rig, plant: &Plant, share: f64) -> Response {
+/// Has motor 1 step from standstill to [`STEP`] of its full speed, at most to what the wire can ask for, and
+/// watches it for 4 s and eight time constants.
+pub fn step(rig: &mut Rig, plant: &Plant) -> Response {
     let truth = plant.truth();
-    let target = (truth.full_speed * share).min(HIGHEST).round();
+    let target = (truth.full_speed * STEP).min(HIGHEST).round();
     let half_line_ms = (2000.0 / target).clamp(2.0, 20.0).round() as usize;
     let ripple = ripple(plant, target, half_line_ms);
 
@@ -67,6 +79,38 @@ pub fn step(rig: &mut Rig, plant: &Plant, share: f64) -> Response {
     let response = respond(&smooth(&positions, half_line_ms), target, ripple);
     rig.to_standstill();
     response
+}
+
+/// By how much a number is off the truth, in percent.
+pub fn off_percent(told: f64, truth: f64) -> f64 {
+    (told / truth - 1.0) * 100.0
+}
+
+/// What is wrong with a tuning: a few words for each.
+pub fn failures(truth: &Truth, tuned: &Tuned, response: &Response) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let mut check = |what: &str, told: Option<f64>, truth: f64| match told
+        .map(|told| off_percent(told, truth))
+    {
+        Some(off) if off.abs() <= MOST_OFF => {}
+        Some(off) => wrong.push(format!("{what} {off:+.1} %")),
+        None => wrong.push(format!("no {what}")),
+    };
+    check("K", Some(tuned.gain), truth.gain);
+    if truth.is_tau_defined() {
+        check("tau", tuned.tau, truth.tau);
+    }
+    if response.overshoot > MOST_OVERSHOOT {
+        wrong.push(format!("overshoot {:.1} %", response.overshoot));
+    }
+    match response.settling {
+        Some(settling) if settling <= MOST_SETTLING * tuned.settling => {}
+        Some(settling) => {
+            wrong.push(format!("settles in {settling:.3} s, predicted {:.3} s", tuned.settling));
+        }
+        None => wrong.push("never settles".into()),
+    }
+    wrong
 }
 
 /// By how much the speed of a plant that nobody controls is off its mean, at most, in 2 s.
@@ -175,6 +219,38 @@ mod tests {
         let told = respond(&smooth(&positions(ripples), 10), 1000.0, 0.0);
         near(told.settling.unwrap(), 0.15, 0.02);
         assert!(told.overshoot < 1.0);
+    }
+
+    #[test]
+    fn a_tuning_fails_for_each_thing_that_is_wrong_with_it_and_for_nothing_else() {
+        let truth = Plant::number(0).truth();
+        let right = Tuned {
+            gain: truth.gain * 1.049,
+            tau: Some(truth.tau * 0.951),
+            dead_time: 0.0,
+            settling: 0.5,
+            overshoot: 0.0,
+        };
+        let response = Response {
+            target: 1000.0,
+            overshoot: 9.9,
+            settling: Some(0.599),
+            steady_error: 0.0,
+            ripple: 0.0,
+        };
+        assert_eq!(failures(&truth, &right, &response), [""; 0]);
+        let wrong = |tuned: Tuned| failures(&truth, &tuned, &response).join(", ");
+        assert_eq!(wrong(Tuned { gain: truth.gain * 0.94, ..right }), "K -6.0 %");
+        assert_eq!(wrong(Tuned { gain: f64::NAN, ..right }), "K NaN %");
+        assert_eq!(wrong(Tuned { tau: Some(truth.tau * 1.06), ..right }), "tau +6.0 %");
+        assert_eq!(wrong(Tuned { tau: None, ..right }), "no tau");
+        let predicted = "settles in 0.599 s, predicted 0.490 s";
+        assert_eq!(wrong(Tuned { settling: 0.49, ..right }), predicted);
+        let wrong = |response: Response| failures(&truth, &right, &response).join(", ");
+        assert_eq!(wrong(Response { overshoot: 10.1, ..response }), "overshoot 10.1 %");
+        assert_eq!(wrong(Response { settling: None, ..response }), "never settles");
+        let undefined = Truth { tau: 0.009, ..truth };
+        assert_eq!(failures(&undefined, &Tuned { tau: None, ..right }, &response), [""; 0]);
     }
 
     #[test]

@@ -81,9 +81,9 @@ impl Plant {
         let full_speed = random.log_even(480.0, 60_000.0);
         let fewest = (full_speed / 200.0).max(12.0);
         let most = (full_speed / 0.5).min(4096.0);
-        let lines = (random.log_even(fewest, most) / 4.0).round().max(3.0);
+        let lines = (random.log_even(fewest, most) / 4.0).round().max((fewest / 4.0).ceil());
         let counts_per_turn = 4.0 * lines;
-        let motor_turns = random.log_even((full_speed / counts_per_turn).max(40.0), 210.0);
+        let motor_turns = random.log_even((full_speed / counts_per_turn).max(40.0), 200.0);
 
         let supply = 12.0;
         let resistance = supply / random.log_even(1.2, 4.0);
@@ -263,7 +263,7 @@ mod tests {
         let (_, hardest) = spread(|p| p.truth().breakaway);
         assert!((0.18..0.25).contains(&hardest), "{hardest}");
         let (_, turns) = spread(|p| p.truth().full_speed / f64::from(p.encoder.counts_per_turn));
-        assert!((150.0..211.0).contains(&turns), "{turns} turns a second");
+        assert!((150.0..200.1).contains(&turns), "{turns} turns a second");
         let undefined = all().filter(|p| !p.truth().is_tau_defined()).count();
         assert!(undefined <= 6, "{undefined} have no tau");
     }

@@ -27,9 +27,9 @@ use hal_mock::clock;
 use hal_mock::running::Running;
 use hal_mock::tasks::Channels;
 use hal_mock::wire::Line;
-use handwheel::session::{Event, Session};
-use protocol::extension::Fault;
-use protocol::pms5005::{Addressing, Channel, Command, Move, Quantity, Scope};
+use handwheel::session::{Event, Reply, Session};
+use protocol::extension::{Assignments, Fault, Request};
+use protocol::pms5005::{Addressing, Channel, Command, Data, Move, Quantity, Scope};
 
 use super::motor::Drive;
 use super::plant::{Machine, Plant, Wrong};
@@ -162,11 +162,36 @@ impl Rig {
         }
     }
 
+    /// Sets settings by number, and waits until they are in force: for those who know what they want.
+    ///
+    /// # Panics
+    /// If the board refuses.
+    pub fn set(&mut self, settings: &[(u16, i32)]) {
+        let mut data = Data::new();
+        for (number, value) in settings {
+            Assignments::emit(*number, *value, &mut data).expect("there is room");
+        }
+        let assignments = Assignments::parse(&data).expect("they are some");
+        self.session.ask(&Request::Set(assignments), self.now()).expect("the line carries it");
+        for _ in 0..1000 {
+            self.step();
+            match self.session.take_event() {
+                Some(Event::Answered(Reply::Done)) => return,
+                Some(Event::Failed(failure)) => panic!("{settings:?}: {failure:?}"),
+                _ => {}
+            }
+        }
+        panic!("{settings:?}: no answer");
+    }
+
     /// Switches motor 1 off, stops its shaft by hand and waits until the board has seen that.
     pub fn to_standstill(&mut self) {
         self.session.send(&Command::Run { scope: Scope::Motor(Channel::Channel0), run: false });
-        self.run_ms(20);
-        assert!(self.is_off(), "a suspended motor is off");
+        let is_off = (0..500).any(|_| {
+            self.run_ms(1);
+            self.is_off()
+        });
+        assert!(is_off, "a suspended motor is off");
         for _ in 0..300 {
             self.world.borrow_mut().machine.stop_by_hand();
             self.run_ms(1);
@@ -182,11 +207,6 @@ impl Rig {
         self.session.drive(Some(SIGN_OF_LIFE), self.now());
         self.run_ms(ms);
         self.session.drive(None, self.now());
-    }
-
-    /// The next thing that the host has heard: for those who wait for an answer.
-    pub fn event(&mut self) -> Option<Event> {
-        self.session.take_event()
     }
 
     fn note(&mut self) {
@@ -309,7 +329,7 @@ mod tests {
     fn the_default_gains_bring_an_ordinary_plant_to_its_set_point() {
         let plant = ordinary();
         let mut rig = Rig::new(&plant, None);
-        let response = judge::step(&mut rig, &plant, 0.4);
+        let response = judge::step(&mut rig, &plant);
         assert!(response.settling.is_some_and(|s| (0.03..2.0).contains(&s)), "{response:?}");
         assert!(response.steady_error.abs() < 1.0 && response.overshoot < 40.0, "{response:?}");
         assert_eq!(rig.faults(), []);
@@ -317,7 +337,7 @@ mod tests {
         assert!((0.3..=1.0).contains(&greatest.duty) && greatest.speed >= response.target * 0.99);
         // The same again is the same, to the bit.
         let mut again = Rig::new(&plant, None);
-        assert_eq!(judge::step(&mut again, &plant, 0.4), response);
+        assert_eq!(judge::step(&mut again, &plant), response);
     }
 
     #[test]
