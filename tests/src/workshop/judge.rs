@@ -17,7 +17,7 @@
 
 use super::motor::Drive;
 use super::plant::{Plant, Truth};
-use super::rig::Rig;
+use super::rig::{Moment, Rig};
 use super::tuner::Tuned;
 
 /// To which part of full speed the step goes.
@@ -64,8 +64,7 @@ pub fn step(rig: &mut Rig, plant: &Plant) -> Response {
     let watched_ms = (4000.0 + 8000.0 * truth.tau) as u32;
     rig.hold_velocity(target as i16, watched_ms);
     let course = rig.course();
-    let jumps = |m: &super::rig::Moment| m.set_point.is_some_and(|v| v != 0.0);
-    let Some(jump) = course[before..].iter().position(jumps).map(|at| before + at) else {
+    let Some(jump) = jump(&course[before..]).map(|at| before + at) else {
         // It never came into force: a fault, or a board that refuses.
         return Response {
             target,
@@ -79,6 +78,11 @@ pub fn step(rig: &mut Rig, plant: &Plant) -> Response {
     let response = respond(&smooth(&positions, half_line_ms), target, ripple);
     rig.to_standstill();
     response
+}
+
+/// Where the set-point jumps: the first moment at which it is in force.
+fn jump(course: &[Moment]) -> Option<usize> {
+    course.iter().position(|moment| moment.set_point.is_some_and(|velocity| velocity != 0.0))
 }
 
 /// By how much a number is off the truth, in percent.
@@ -155,10 +159,26 @@ fn respond(speeds: &[f64], target: f64, ripple: f64) -> Response {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     fn near(value: f64, to: f64, off: f64) {
         assert!((value - to).abs() <= off, "{value}, not {to}");
+    }
+
+    #[test]
+    fn time_begins_when_the_set_point_is_in_force() {
+        let moment = |set_point| Moment {
+            at: Duration::ZERO,
+            position: 0.0,
+            speed: 0.0,
+            current: 0.0,
+            drive: Drive::default(),
+            set_point,
+        };
+        let course = [None, None, Some(0.0), Some(500.0), Some(500.0)].map(moment);
+        assert_eq!((jump(&course), jump(&course[..3])), (Some(3), None));
     }
 
     /// Where a shaft is whose speed swings about 1000 counts/s, after a jump at 10 ms.

@@ -348,6 +348,10 @@ mod tests {
         rig.hold_velocity(6000, 1000);
         let (first, last) = rig.driven().expect("it is driven");
         assert!(last > first + Duration::from_millis(990));
+        let tail = &rig.course()[rig.course().len() - 300..];
+        let duty = tail.iter().map(|m| m.drive.duty).sum::<f64>() / 300.0;
+        let needs = plant.truth().dead_band + 6000.0 / plant.truth().gain;
+        assert!((duty / needs - 1.0).abs() < 0.03, "{duty}, but this plant needs {needs}");
         let snapshot = rig.snapshot();
         let true_speed = rig.course().last().unwrap().speed;
         let told: f64 = snapshot.channels[0].velocity.to_num();
