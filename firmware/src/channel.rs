@@ -41,6 +41,45 @@ impl Channel {
     }
 }
 
+/// Channels: bit 0 is channel 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ChannelSet(u8);
+
+impl ChannelSet {
+    /// None of them.
+    pub const NONE: Self = Self(0);
+
+    /// Those of these bits; others than the channels' are taken away.
+    pub const fn from_bits(bits: u8) -> Self {
+        Self(bits & ((1 << CHANNELS) - 1))
+    }
+
+    /// Its bits.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// With this one.
+    pub const fn with(self, channel: Channel) -> Self {
+        Self(self.0 | 1 << channel.index())
+    }
+
+    /// Whether this one is among them.
+    pub const fn has(self, channel: Channel) -> bool {
+        self.0 >> channel.index() & 1 != 0
+    }
+
+    /// How many they are.
+    pub fn count(self) -> usize {
+        self.0.count_ones() as usize // 6 at the most
+    }
+
+    /// Each of them, in order.
+    pub fn iter(self) -> impl Iterator<Item = Channel> {
+        Channel::ALL.into_iter().filter(move |&channel| self.has(channel))
+    }
+}
+
 /// Whom a command is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

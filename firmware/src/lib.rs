@@ -14,6 +14,7 @@
 //! | [`safety`] | link silence, collision protection, faults |
 //! | [`command`] | what may be asked of the controller |
 //! | [`controller`] | one step a control period over six channels and six servos |
+//! | [`recorder`] | what channels did, period by period |
 //! | [`liveness`] | who feeds the watchdog, and when no more |
 //! | `reception` | what all sessions and their tasks share in listening to a line |
 //! | [`personality`] | sessions without I/O: how a controller of old presents itself |
@@ -95,6 +96,7 @@ pub mod liveness;
 pub mod personality;
 pub mod ports;
 mod reception;
+pub mod recorder;
 pub mod safety;
 pub mod settings;
 pub mod units;

@@ -17,6 +17,7 @@ use std::rc::Rc;
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either3, select3};
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant};
@@ -27,6 +28,7 @@ use firmware::personality::Boot;
 use firmware::personality::Session;
 use firmware::personality::pms5005::Pms5005;
 use firmware::ports::{Outputs, Program, ResetCause, SystemPort};
+use firmware::recorder::{Recorder, Row};
 use firmware::settings::Settings;
 use firmware::settings::store::{Origin, Store};
 
@@ -36,6 +38,9 @@ use crate::plant::{Plant, Scene};
 use crate::running::Running;
 use crate::tasks::{self, Channels, Watchdog};
 use crate::wire::Line;
+
+/// Rows that the recorder holds: as many as in an F407's core-coupled memory, 64 KiB.
+const RECORDER_ROWS: usize = 4096;
 
 /// What a virtual board is made of.
 #[derive(Clone, Copy, Debug)]
@@ -128,6 +133,8 @@ impl<S: Session + 'static> VirtualBoard<S> {
                     let boot = Boot { reset, settings: origin, stack_used: || 0 };
                     let mut session = session(settings, boot, Instant::now());
                     let mut controller = Controller::new(settings.control);
+                    let recorder = Recorder::new(vec![Row::ZERO; RECORDER_ROWS]);
+                    let recorder = Mutex::new(RefCell::new(recorder));
                     boot.faults().for_each(|fault| controller.record(fault));
                     let mut system = System { restart: &restart, watchdog: &watchdog };
                     let tasks = join(
@@ -135,6 +142,7 @@ impl<S: Session + 'static> VirtualBoard<S> {
                             &plant,
                             &mut controller,
                             &mut session,
+                            &recorder,
                             (&mut rx, &mut tx),
                             &channels,
                             &watchdog,

@@ -14,10 +14,11 @@ use embassy_futures::join::join4;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
-use firmware::app;
+use firmware::app::{self, SharedRecorder};
 use firmware::controller::Controller;
 use firmware::personality::Session;
 use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
+use firmware::recorder::Rows;
 
 use crate::clock;
 use crate::plant::Plant;
@@ -87,6 +88,7 @@ pub async fn all<S: Session>(
     plant: &RefCell<Plant>,
     controller: &mut Controller,
     session: &mut S,
+    recorder: &SharedRecorder<NoopRawMutex, impl Rows>,
     (rx, tx): (&mut impl Read, &mut impl Write),
     channels: &Channels<S::Counters>,
     watchdog: &Watchdog,
@@ -95,10 +97,11 @@ pub async fn all<S: Session>(
     let mut bench = Bench(plant);
     let feed = |_| watchdog.feed();
     join4(
-        watchdog.watch(Task::Control, app::control(&mut bench, controller, channels, feed)),
+        watchdog
+            .watch(Task::Control, app::control(&mut bench, controller, recorder, channels, feed)),
         watchdog.watch(Task::Sensors, app::sensors(&mut slow, channels)),
         watchdog.watch(Task::Display, app::display(&mut Bench(plant), channels)),
-        watchdog.watch(Task::Link, app::link(rx, tx, session, channels)),
+        watchdog.watch(Task::Link, app::link(rx, tx, session, recorder, channels)),
     )
     .await;
 }

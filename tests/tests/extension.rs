@@ -5,8 +5,8 @@ use hal_mock::board::Make;
 use hal_mock::flash::{Flash, SIZE};
 use protocol::extension::{
     Action, Answer, Assignments, ChannelState, Counters, Description, Fault, FaultRecord, Health,
-    Identity, Latched, MachineState, Mode, Origin, Outcome, Reason, Refusals, Request, ResetCause,
-    Unit, VERSION, Verdict,
+    Identity, Latched, MachineState, Mode, Origin, Outcome, Phase, Reason, Refusals, Request,
+    ResetCause, Trigger, Unit, VERSION, Verdict,
 };
 use protocol::pms5005::{
     Channel, Command, EncodeError, Frame, Gain, Loop, Method, Parameter, Polarity, Quantity,
@@ -168,19 +168,20 @@ fn table_e_2_byte_by_byte() {
 /// What the version stands for. A DID, a code or a byte more makes this fail: raise [`VERSION`], once for
 /// what is merged together, and put here what there is now.
 #[test]
-fn version_2_has_these_requests_codes_and_bytes() {
+fn version_3_has_these_requests_codes_and_bytes() {
     let known = (96..=111).filter(|&did| {
         let unknown = Err(Refusal::Extension(Verdict::Unknown));
         Command::parse(did, &[]) != unknown
     });
-    assert_eq!(known.collect::<Vec<_>>(), [96, 97, 98, 99, 100, 102, 103]);
+    assert_eq!(known.collect::<Vec<_>>(), [96, 97, 98, 99, 100, 102, 103, 104, 105]);
     assert_eq!((0x80..=0xFF).filter(|&sub| is_sub_command(sub)).count(), 7);
     let codes = [Unit::ALL.len(), ResetCause::ALL.len(), Origin::ALL.len(), Verdict::ALL.len()];
     assert_eq!(codes, [12, 5, 3, 10]);
     assert_eq!([Fault::ALL.len(), Mode::ALL.len(), Reason::ALL.len()], [17, 4, 14]);
     let bytes = [size_of::<Counters>(), size_of::<Refusals>(), Answer::MAX_DATA];
     assert_eq!(bytes, [72, 36, 124]);
-    assert_eq!(VERSION, 2);
+    assert_eq!([Trigger::ALL.len(), Phase::ALL.len()], [3, 4]);
+    assert_eq!(VERSION, 3);
 }
 
 /// Whether DID 7 has this sub-command of the extension.
@@ -231,7 +232,7 @@ fn bad_requests_are_acknowledged_change_nothing_and_are_told_why() {
         (101, &[], Verdict::Unknown, 0),
         (102, &[1, 1], Verdict::BadLength, 0),
         (103, &[0], Verdict::BadLength, 0),
-        (104, &[], Verdict::Unknown, 0),
+        (106, &[], Verdict::Unknown, 0),
         (111, &[1], Verdict::Unknown, 0),
     ];
     for &(did, data, verdict, setting) in bad {

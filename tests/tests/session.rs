@@ -2,18 +2,37 @@
 //! line that is full.
 
 use std::num::NonZeroU8;
+use std::ops::Range;
 
 use embassy_time::{Duration, Instant};
 use firmware::controller::Snapshot;
 use firmware::personality::Boot;
 use firmware::personality::pms5005::Pms5005;
-use firmware::personality::{MAX_FRAME, Session};
+use firmware::personality::{BlockRows, MAX_FRAME, Session, View};
+use firmware::recorder::{Recorder, Recording};
 use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
 use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
 use tests::Link::Silent;
 use tests::{Bench, Received};
+
+/// A board at this moment, which has recorded nothing.
+struct At(Snapshot);
+
+impl View for At {
+    fn snapshot(&self) -> Snapshot {
+        self.0
+    }
+
+    fn recording(&self) -> Recording {
+        Recorder::new([]).recording()
+    }
+
+    fn rows(&self, _numbers: Range<usize>) -> (u8, BlockRows) {
+        (0, BlockRows::new())
+    }
+}
 
 fn telemetry(reports: Reports, repeat: Repeat) -> Command<'static> {
     Command::Telemetry { reports, repeat }
@@ -247,17 +266,17 @@ fn a_session_without_a_board_answers_at_the_time_it_is_told() {
     let at = Instant::from_millis;
     let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), at(0));
     let mut out = [0; MAX_FRAME];
-    assert_eq!(session.transmit(at(49), || Snapshot::BOOT, &mut out), None);
+    assert_eq!(session.transmit(at(49), &At(Snapshot::BOOT), &mut out), None);
     assert_eq!(session.sends_at(), at(50));
     let mut dids = Vec::new();
-    while let Some(frame) = session.transmit(at(50), || Snapshot::BOOT, &mut out) {
+    while let Some(frame) = session.transmit(at(50), &At(Snapshot::BOOT), &mut out) {
         dids.push(Frame::parse(frame).unwrap().did);
     }
     assert_eq!(dids, [did::MOTORS, did::CUSTOM_IO, did::SENSORS]);
 
     // Three periods late: one frame each, two skipped each, and the rhythm is kept.
     let late = at(100) + Duration::from_millis(120);
-    while session.transmit(late, || Snapshot::BOOT, &mut out).is_some() {}
+    while session.transmit(late, &At(Snapshot::BOOT), &mut out).is_some() {}
     let counters = session.counters();
     assert_eq!((counters.telemetry_sent, counters.telemetry_skipped), (6, 6));
     assert_eq!(session.sends_at(), at(250));
@@ -270,7 +289,7 @@ fn an_encoder_that_counts_wildly_is_reported_at_the_end_of_the_scale() {
         snapshot.encoders[0].velocity = velocity;
         let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
         let mut out = [0; MAX_FRAME];
-        let frame = session.transmit(Instant::from_millis(50), || snapshot, &mut out).unwrap();
+        let frame = session.transmit(Instant::from_millis(50), &At(snapshot), &mut out).unwrap();
         let frame = Frame::parse(frame).unwrap();
         let Some(Report::Motors(report)) = Report::parse(frame.did, frame.data) else { panic!() };
         assert_eq!((report.encoders[0].speed, report.encoders[0].positive), (32_767, positive));

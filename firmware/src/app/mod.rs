@@ -22,10 +22,12 @@
 mod latest;
 
 use core::cell::RefCell;
+use core::ops::Range;
 
 use embassy_futures::join::join;
 use embassy_futures::select::{Either3, select, select3};
 use embassy_futures::yield_now;
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::{NoopRawMutex, RawMutex};
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
@@ -36,9 +38,12 @@ use embedded_storage::nor_flash::NorFlash;
 use crate::command::Command;
 use crate::controller::{Controller, Snapshot};
 use crate::liveness::{CHECK_IN_PERIOD, LONGEST_SILENCE, Liveness, RollCall};
-use crate::personality::{Effect, MAX_FRAME, Picture, Session, Upkeep, UpkeepRefused};
+use crate::personality::{
+    BlockRows, Effect, MAX_FRAME, Picture, Session, Upkeep, UpkeepRefused, View,
+};
 use crate::ports::{LcdPort, MotionPort, Outputs, SensorPort, Sensors, SystemPort};
 use crate::reception::{CHUNK, LINE_DOWN};
+use crate::recorder::{Recorder, Recording, Rows};
 use crate::safety::faults::Fault;
 use crate::settings::store::Store;
 use crate::settings::{ControlSettings, Settings};
@@ -64,11 +69,15 @@ const RECEIVE: usize = 2;
 const TRANSMIT: usize = 3;
 const TASKS: usize = 4;
 
+/// The recorder, which control and the link share. Interrupts are off while either uses it: control for the
+/// rows of a period, the link for those of a block, some 2 us.
+pub type SharedRecorder<M, R> = Mutex<M, RefCell<Recorder<R>>>;
+
 /// What the tasks share: bounded, made once by `main`. `C` is what the session counts.
 pub struct Channels<M: RawMutex, C: Copy> {
     commands: Channel<M, Command, COMMANDS>,
     /// What a [`Command::Adopt`] puts into force, one at a time: while it is copied interrupts are off,
-    /// for 71 words, some 2 us.
+    /// for 77 words, some 2 us.
     settings: Channel<M, ControlSettings, 1>,
     pictures: Channel<M, Picture, PICTURES>,
     roll_call: RollCall<M, TASKS>,
@@ -118,6 +127,7 @@ impl<M: RawMutex, C: Copy + Default> Default for Channels<M, C> {
 pub async fn control<M: RawMutex, C: Copy>(
     port: &mut impl MotionPort,
     controller: &mut Controller,
+    recorder: &SharedRecorder<M, impl Rows>,
     channels: &Channels<M, C>,
     mut feed: impl FnMut(bool),
 ) -> ! {
@@ -158,6 +168,7 @@ pub async fn control<M: RawMutex, C: Copy>(
         worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
         channels.snapshot.set(snapshot);
+        recorder.lock(|recorder| recorder.borrow_mut().step(snapshot));
     }
 }
 
@@ -256,6 +267,30 @@ pub async fn display<M: RawMutex, C: Copy>(
     }
 }
 
+/// What a session looks at.
+struct Looks<'a, M: RawMutex, R> {
+    snapshot: &'a Latest<M, Snapshot>,
+    recorder: &'a SharedRecorder<M, R>,
+}
+
+impl<M: RawMutex, R: Rows> View for Looks<'_, M, R> {
+    fn snapshot(&self) -> Snapshot {
+        self.snapshot.get()
+    }
+
+    fn recording(&self) -> Recording {
+        self.recorder.lock(|recorder| recorder.borrow().recording())
+    }
+
+    fn rows(&self, numbers: Range<usize>) -> (u8, BlockRows) {
+        self.recorder.lock(|recorder| {
+            let recorder = recorder.borrow();
+            let rows = numbers.map_while(|number| recorder.row(number)).collect();
+            (recorder.recording().serial, rows)
+        })
+    }
+}
+
 /// Talks to the host. One `write` is one frame, and takes at least a byte of it; a `read` that is
 /// dropped before it is done must not lose what has arrived. Deadline: the buffer below `rx` must
 /// hold what arrives while a command waits for the next control period (1 ms), or after an error.
@@ -266,9 +301,11 @@ pub async fn link<M: RawMutex, S: Session>(
     rx: &mut impl Read,
     tx: &mut impl Write,
     session: &mut S,
+    recorder: &SharedRecorder<M, impl Rows>,
     channels: &Channels<M, S::Counters>,
 ) -> ! {
     let session = RefCell::new(session);
+    let board = Looks { snapshot: &channels.snapshot, recorder };
     let something_to_send = Signal::<NoopRawMutex, ()>::new();
     let receive = async {
         let mut buffer = [0; CHUNK];
@@ -323,6 +360,9 @@ pub async fn link<M: RawMutex, S: Session>(
                         }
                         channels.commands.send(command).await;
                     }
+                    Some(Effect::Record(setup)) => {
+                        recorder.lock(|recorder| recorder.borrow_mut().start(setup));
+                    }
                     Some(Effect::Upkeep(upkeep)) => {
                         while !channels.commands.is_empty() {
                             Timer::after(CONTROL_PERIOD).await;
@@ -355,8 +395,7 @@ pub async fn link<M: RawMutex, S: Session>(
         loop {
             channels.roll_call.answer(TRANSMIT);
             channels.link.set(&session.borrow().counters());
-            let snapshot = || channels.snapshot.get();
-            let frame = session.borrow_mut().transmit(Instant::now(), snapshot, &mut buffer);
+            let frame = session.borrow_mut().transmit(Instant::now(), &board, &mut buffer);
             match frame {
                 Some(frame) => {
                     if tx.write_all(frame).await.is_err() {

@@ -11,6 +11,7 @@
 //! | display | I2C1, polled |
 //! | rangers, remote | EXTI 1, 4, 5, 7, 8, 10; 13 |
 //! | embassy's clock | TIM5 |
+//! | recorder | the core-coupled memory: 4096 rows, 4 s of one channel at the control rate |
 //! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused |
 //!
 //! README.md beside this file is the wiring table for people.
@@ -18,6 +19,7 @@
 //! Promise: the enable lines are driven low before any timer runs.
 
 use core::mem::forget;
+use core::{ptr, slice};
 
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::exti::{self, ExtiInput};
@@ -41,6 +43,7 @@ use super::system::System;
 use super::watchdog::Watchdog;
 use super::{Board, boot, drives, flash, line, motion, sensing, system};
 use crate::liveness::WATCHDOG_PERIOD;
+use crate::recorder::Row;
 use crate::settings::store::Store;
 
 /// The crystal.
@@ -110,6 +113,20 @@ macro_rules! outputs {
 }
 pub(super) use outputs;
 
+/// The recorder's: all of the core-coupled memory, 64 KiB that DMA cannot reach and nothing is linked into
+/// (RM0090, section 2.3.1; its clock runs after a reset). To be called once.
+fn recorder_rows() -> &'static mut [Row] {
+    const CCM: usize = 0x1000_0000;
+    const ROWS: usize = 64 * 1024 / size_of::<Row>();
+    let first = ptr::with_exposed_provenance_mut::<Row>(CCM);
+    // SAFETY: it is memory, aligned, of this size, and nobody else's; every row is written before it is
+    // anybody's to read.
+    unsafe {
+        (0..ROWS).for_each(|row| first.add(row).write(Row::ZERO));
+        slice::from_raw_parts_mut(first, ROWS)
+    }
+}
+
 /// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
 /// host's line at `baud`.
 pub fn start(baud: u32) -> Board {
@@ -169,5 +186,6 @@ pub fn start(baud: u32) -> Board {
     let (rx, tx) = host_line!(p, baud);
     let display = display!(p);
     let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
-    Board { motion, sensing, display, rx, tx, watchdog, system: System(watchdog), store, reset }
+    let (system, rows) = (System(watchdog), recorder_rows());
+    Board { motion, sensing, display, rx, tx, watchdog, system, store, rows, reset }
 }

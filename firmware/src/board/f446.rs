@@ -16,6 +16,7 @@
 //! | inputs 0 and 1 | the blue button PC13, PC12 | 2 of 8, the others read 0 |
 //! | outputs 0 and 1 | LD2 on PA5, PA4 | 2 of 8, the others are ignored |
 //! | embassy's clock | TIM5 | |
+//! | recorder | 32 KiB of SRAM: 2048 rows, 2 s of one channel at the control rate | |
 //! | executors | the vectors of UART4 (control) and UART5 (sensing), otherwise unused | |
 //!
 //! What the board has on its pins is left alone: SWD (PA13, PA14), the 32 kHz crystal (PC14,
@@ -36,6 +37,7 @@ use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::qei::Qei;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4};
 use embassy_stm32::{bind_interrupts, dma, pac, usart};
+use static_cell::ConstStaticCell;
 
 use super::analog::{self, Addresses};
 use super::bus::Bus;
@@ -47,6 +49,7 @@ use super::system::System;
 use super::watchdog::Watchdog;
 use super::{Board, boot, drives, flash, line, motion, sensing, system};
 use crate::liveness::WATCHDOG_PERIOD;
+use crate::recorder::Row;
 use crate::settings::store::Store;
 
 /// The ST-LINK's MCO drives OSC_IN.
@@ -107,6 +110,12 @@ macro_rules! outputs {
 }
 pub(super) use outputs;
 
+/// The recorder's: 32 KiB of SRAM, as there is no core-coupled memory. To be called once.
+fn recorder_rows() -> &'static mut [Row] {
+    static ROWS: ConstStaticCell<[Row; 2048]> = ConstStaticCell::new([Row::ZERO; 2048]);
+    ROWS.take()
+}
+
 /// Starts the clocks, puts the outputs into their safe state, then starts everything else, the
 /// host's line at `baud`.
 pub fn start(baud: u32) -> Board {
@@ -145,5 +154,6 @@ pub fn start(baud: u32) -> Board {
     let (rx, tx) = host_line!(p, baud);
     let display = display!(p);
     let store = Store::new(Flash::new(p.FLASH), 0..flash::SIZE as u32);
-    Board { motion, sensing, display, rx, tx, watchdog, system: System(watchdog), store, reset }
+    let (system, rows) = (System(watchdog), recorder_rows());
+    Board { motion, sensing, display, rx, tx, watchdog, system, store, rows, reset }
 }

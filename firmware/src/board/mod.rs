@@ -121,6 +121,7 @@ use embassy_stm32::gpio::Speed;
 use embassy_stm32::interrupt::typelevel::{Binding, Handler, USART6};
 
 use crate::liveness::BRIDGE_WATCHDOG_PERIOD;
+use crate::recorder::Row;
 use crate::settings::store::Store;
 use selected::{BUS, CLOCK, DRIVES, Irqs, enables, outputs};
 pub use system::stack_used;
@@ -143,6 +144,8 @@ pub struct Board {
     pub system: system::System,
     /// Where the settings are, for `app::upkeep`.
     pub store: Store<flash::Flash>,
+    /// Memory for the recorder.
+    pub rows: &'static mut [Row],
     /// Why it has started.
     pub reset: ResetCause,
 }

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! It has no clock, no I/O and no protocol of its own: what a period is worth is
-//! [`CONTROL_PERIOD_MS`], commands are [`Command`]s, and the
+//! [`CONTROL_PERIOD_MS`](crate::units::CONTROL_PERIOD_MS), commands are [`Command`]s, and the
 //! [`Snapshot`] is all that a personality may tell its host.
 //!
 //! Promises: at boot the outputs are safe; a command is carried out whole or, if any part of it
@@ -18,7 +18,7 @@ mod snapshot;
 
 use core::{array, mem};
 
-use crate::channel::{CHANNELS, Channel, ENCODERS, Method, Scope, Sensor};
+use crate::channel::{CHANNELS, Channel, ChannelSet, ENCODERS, Method, Scope, Sensor};
 use crate::command::{Command, Refused};
 use crate::control::axis::{Axis, Halt, Reading, is_stop};
 use crate::control::pid::Limits;
@@ -32,7 +32,7 @@ use crate::safety::faults::{Fault, FaultRecord, Stops, stops};
 use crate::safety::latch::Faults;
 use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
 use crate::settings::ControlSettings;
-use crate::units::{CONTROL_PERIOD_MS, CountsPerSecond};
+use crate::units::CountsPerSecond;
 pub use reason::Reason;
 use reason::{RefusedCommand, reason};
 use shaft::{Shaft, angle};
@@ -58,6 +58,8 @@ pub struct Controller {
     /// Of each channel, its last motion command, if that was refused.
     refused: [Option<RefusedCommand>; CHANNELS],
     shown_fault: u8,
+    /// Those that have set out in this period.
+    moved: ChannelSet,
     count_set: CountSet,
     counters: ControlCounters,
     /// Of the last period. Here, because it is large to be handed on.
@@ -68,13 +70,14 @@ impl Controller {
     /// The controller at boot.
     pub fn new(settings: ControlSettings) -> Self {
         let mut axes: [Axis; CHANNELS] = array::from_fn(|_| Axis::new());
-        for ((i, axis), channel) in axes.iter_mut().enumerate().zip(&settings.channels) {
-            if let Some(sensor) = channel.sensor {
+        for (channel, axis) in Channel::ALL.into_iter().zip(&mut axes) {
+            let own = &settings.channels[channel.index()];
+            if let Some(sensor) = own.sensor {
                 axis.set_sensor(sensor, Reading::default());
             }
-            axis.adopt(&settings, i);
-            axis.set_polarity(channel.polarity, Reading::default());
-            axis.set_method(channel.method, Reading::default());
+            axis.adopt(&settings, channel);
+            axis.set_polarity(own.polarity, Reading::default());
+            axis.set_method(own.method, Reading::default());
         }
         Self {
             settings,
@@ -90,6 +93,7 @@ impl Controller {
             faults: Faults::default(),
             refused: [None; CHANNELS],
             shown_fault: 0,
+            moved: ChannelSet::NONE,
             count_set: CountSet::NONE,
             counters: ControlCounters::default(),
             snapshot: Snapshot::BOOT,
@@ -121,6 +125,7 @@ impl Controller {
         signs_of_life: u32,
     ) -> &mut Snapshot {
         self.counters.periods = self.counters.periods.wrapping_add(1);
+        self.moved = ChannelSet::NONE;
         self.measure(motion);
         for command in commands {
             if let Err(refused) = self.apply(&command, &mut settings, motion) {
@@ -183,7 +188,7 @@ impl Controller {
             total: self.faults.records(),
             record: self.faults.record(self.shown_fault),
         };
-        snapshot.count_set = self.count_set;
+        (snapshot.count_set, snapshot.moved) = (self.count_set, self.moved);
         snapshot.counters = self.counters;
     }
 
@@ -289,7 +294,7 @@ impl Controller {
                 drive: axis.drive(),
                 sensor: axis.sensor(),
                 reading,
-                full_speed: self.settings.known_full_speed(axis.sensor()),
+                full_speed: self.settings.known_full_speed(channel, axis.sensor()),
                 set_point: axis.set_point(),
                 deviation: axis.deviation(reading),
                 is_at_soft_limit: axis.is_at_soft_limit(),
@@ -309,7 +314,7 @@ impl Controller {
 
     /// Latches a fault, and stops what it stops.
     fn trip(&mut self, fault: Fault, channel: Option<Channel>, values: [i16; 3]) {
-        let uptime_ms = self.uptime_ms();
+        let uptime_ms = self.counters.uptime_ms();
         if !self.faults.trip(FaultRecord { fault, channel, uptime_ms, values }) {
             return;
         }
@@ -331,11 +336,7 @@ impl Controller {
         let is_calm = over_current == 0 || motion.currents[channel.index()] < over_current;
         let (board, settings) = (&self.board, &self.settings.board_faults);
         let lasts = |fault| board.lasts(fault, settings);
-        self.faults.stopped(channel, self.uptime_ms(), is_calm, lasts);
-    }
-
-    fn uptime_ms(&self) -> u32 {
-        self.counters.periods.wrapping_mul(CONTROL_PERIOD_MS)
+        self.faults.stopped(channel, self.counters.uptime_ms(), is_calm, lasts);
     }
 
     fn clear_faults(&mut self, scope: Scope, only_stops: bool) {
@@ -359,7 +360,7 @@ impl Controller {
             }
             let reading = self.reading(channel);
             let axis = &mut self.axes[i];
-            axis.adopt(settings, i);
+            axis.adopt(settings, channel);
             axis.set_polarity(new.polarity, reading);
             if new.method != old.method {
                 axis.set_method(new.method, reading);
@@ -489,6 +490,7 @@ impl Controller {
             self.set_sensor(channel, self.sensor_for(channel, method), motion);
             let reading = self.reading(channel);
             self.axes[channel.index()].go(method, target, periods, reading);
+            self.moved = self.moved.with(channel);
         }
         Ok(())
     }
@@ -524,7 +526,7 @@ impl Controller {
             }
             let reading = self.reading_by(channel, sensor);
             self.axes[i].set_sensor(sensor, reading);
-            self.axes[i].adopt(&self.settings, i);
+            self.axes[i].adopt(&self.settings, channel);
         }
     }
 }

@@ -1,12 +1,12 @@
 //! What a personality may tell of the controller: the state of things after a period.
 
 use super::reason::Reason;
-use crate::channel::{CHANNELS, ENCODERS};
+use crate::channel::{CHANNELS, ChannelSet, ENCODERS};
 use crate::control::axis::{AxisRefusal, SetPoint};
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::faults::FaultRecord;
 use crate::safety::latch::Latched;
-use crate::units::{CountsPerSecond, Duty, ServoPulse};
+use crate::units::{CONTROL_PERIOD_MS, CountsPerSecond, Duty, ServoPulse};
 
 /// What an encoder says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,6 +28,13 @@ pub struct ControlCounters {
     pub links_lost: u32,
     /// Control periods that began so late that they were missed; wraps.
     pub periods_missed: u32,
+}
+
+impl ControlCounters {
+    /// Since boot, in ms; wraps after 49 days.
+    pub fn uptime_ms(&self) -> u32 {
+        self.periods.wrapping_mul(CONTROL_PERIOD_MS)
+    }
 }
 
 /// Commands refused, by reason. They wrap.
@@ -113,6 +120,8 @@ pub struct Snapshot {
     pub shown_fault: ShownFault,
     /// What came of the last [`Command::SetCount`](crate::command::Command::SetCount).
     pub count_set: CountSet,
+    /// Channels that have begun to carry out a motion command in this period.
+    pub moved: ChannelSet,
 }
 
 /// A place in the list of fault records, and what stands there.
@@ -168,6 +177,7 @@ impl Snapshot {
         faults: Latched::NONE,
         shown_fault: ShownFault { place: 0, total: 0, record: None },
         count_set: CountSet::NONE,
+        moved: ChannelSet::NONE,
         counters: ControlCounters {
             periods: 0,
             refused: Refusals::NONE,

@@ -10,6 +10,8 @@ mod extension;
 pub mod pioneer_arm;
 pub mod pms5005;
 
+use core::ops::Range;
+
 use embassy_time::Instant;
 use protocol::deframe::{Framing, Reception};
 use protocol::extension::Counters;
@@ -18,6 +20,7 @@ use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::ports::Program;
 use crate::reception::{TimedReceiver, count};
+use crate::recorder::{self, Recording, Row};
 use crate::settings::Settings;
 
 pub use extension::Boot;
@@ -35,6 +38,8 @@ pub enum Effect {
     Control(Command),
     /// To show a sixteenth of an image.
     Show(Picture),
+    /// To begin a recording.
+    Record(recorder::Setup),
     /// Something that only a board at rest can do. The next one is asked for when the session has
     /// been told what came of this one.
     Upkeep(Upkeep),
@@ -69,6 +74,21 @@ pub struct Picture {
     pub columns: [u8; 64],
 }
 
+/// Rows that are looked at together: as many as a block of the extension has.
+pub type BlockRows = heapless::Vec<Row, { protocol::extension::BLOCK }>;
+
+/// What a session can look at when it has something to tell. Each look is dear.
+pub trait View {
+    /// The state of things after the newest control period.
+    fn snapshot(&self) -> Snapshot;
+
+    /// How the recorder is.
+    fn recording(&self) -> Recording;
+
+    /// This recording's number, and its rows with these numbers, as far as there are any.
+    fn rows(&self, numbers: Range<usize>) -> (u8, BlockRows);
+}
+
 /// A board's conversation with its host. The time that it is told never runs backwards.
 pub trait Session {
     /// What it counts.
@@ -96,11 +116,11 @@ pub trait Session {
     fn wakes_at(&self) -> Option<Instant>;
 
     /// The next frame to send, written into `out`; `None` if there is nothing to say now. Call it
-    /// whenever the line is free. Few frames need the snapshot, which is dear.
+    /// whenever the line is free.
     fn transmit<'b>(
         &mut self,
         now: Instant,
-        snapshot: impl FnOnce() -> Snapshot,
+        board: &impl View,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]>;
 

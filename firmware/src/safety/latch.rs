@@ -30,7 +30,7 @@
 //! next motion command goes. A task that hangs is `app`'s: outputs off, and back to boot.
 
 use super::faults::{Fault, FaultRecord, Stops, stops};
-use crate::channel::{CHANNELS, Channel, Scope};
+use crate::channel::{CHANNELS, Channel, ChannelSet, Scope};
 
 /// The number of the board's first fault; those below are the channels'.
 const FIRST_OF_BOARD: u8 = Fault::MotorBatteryLow.number();
@@ -92,6 +92,13 @@ impl Latched {
             let faults = Fault::ALL.iter().filter(move |&&fault| self.has(fault, channel));
             faults.map(move |&fault| (fault, channel))
         })
+    }
+
+    /// Whether one of these channels, or the board, has a fault here that it did not have `before`.
+    pub fn is_news(&self, before: &Self, channels: ChannelSet) -> bool {
+        let of_board = self.board & !before.board != 0;
+        let is_news = |i: usize| self.channels[i] & !before.channels[i] != 0;
+        of_board || channels.iter().any(|channel| is_news(channel.index()))
     }
 
     /// How many there are.

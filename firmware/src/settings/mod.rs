@@ -9,7 +9,7 @@ mod numbered;
 pub mod store;
 pub mod table;
 
-use crate::channel::{CHANNELS, ENCODERS, Method, PAIRS, Polarity, Sensor};
+use crate::channel::{CHANNELS, Channel, ENCODERS, Method, PAIRS, Polarity, Sensor};
 use crate::units::{Duty, ServoPulse};
 
 pub use numbered::{Setting, SettingRefused};
@@ -79,6 +79,8 @@ pub struct ChannelSettings {
     pub highest_duty: u16,
     /// The highest share of the drive that is the integral's, 0 to 16384.
     pub integral_share: u16,
+    /// Counts per second at full drive; 0 is what its sensor's kind has.
+    pub full_speed: u32,
 }
 
 impl ChannelSettings {
@@ -93,6 +95,7 @@ impl ChannelSettings {
         acceleration: 0,
         highest_duty: Duty::FULL.unsigned_abs(),
         integral_share: Duty::FULL.unsigned_abs(),
+        full_speed: 0,
     };
 }
 
@@ -108,20 +111,22 @@ pub(crate) fn has_sensor(channel: usize, sensor: Sensor) -> bool {
 }
 
 impl ControlSettings {
-    /// Counts per second at full drive, by the sensor that counts; 0 is not known.
-    pub fn full_speed(&self, sensor: Sensor) -> u32 {
-        match sensor {
-            Sensor::Encoder => self.full_speed_encoder,
-            Sensor::SinglePotentiometer | Sensor::DualPotentiometer => {
+    /// Counts per second of a channel at full drive: its own setting, or that of the sensor that counts; 0
+    /// is not known.
+    pub fn full_speed(&self, channel: Channel, sensor: Sensor) -> u32 {
+        match (self.channels[channel.index()].full_speed, sensor) {
+            (0, Sensor::Encoder) => self.full_speed_encoder,
+            (0, Sensor::SinglePotentiometer | Sensor::DualPotentiometer) => {
                 self.full_speed_potentiometer
             }
+            (own, _) => own,
         }
     }
 
     /// The same where a number is needed: the default if none is known.
-    pub fn known_full_speed(&self, sensor: Sensor) -> u32 {
-        match self.full_speed(sensor) {
-            0 => Self::DEFAULT.full_speed(sensor),
+    pub fn known_full_speed(&self, channel: Channel, sensor: Sensor) -> u32 {
+        match self.full_speed(channel, sensor) {
+            0 => Self::DEFAULT.full_speed(channel, sensor),
             known => known,
         }
     }

@@ -283,10 +283,10 @@ settings! {
         link_timeout: u16 = 2000, 1, "link timeout", Milliseconds, 0..=60000,
             "silence of the host after which moving channels are stopped; 0 never stops them";
         full_speed_encoder: u32 = 16384, 3, "full speed encoder", CountsPerSecond, 0..=8000000,
-            "an encoder's speed at full drive, for feed-forward; 0 is none";
+            "an encoder's speed at full drive, for feed-forward, unless its channel has its own; 0 is none";
         full_speed_potentiometer: u32 = 4096, 4,
             "full speed potentiometer", CountsPerSecond, 0..=8000000,
-            "a potentiometer's speed at full drive, for feed-forward; 0 is none";
+            "a potentiometer's, in the same way; 0 is none";
         longest_move: u16 = 10000, 5, "longest move", Milliseconds, 0..=60000,
             "silence of the host in which a timed position move goes on to its end; 0 stops it with 1";
         oldest_command: u16 = 0, 6, "oldest command", Milliseconds, 0..=60000,
@@ -349,6 +349,9 @@ settings! {
         206 + 10 * [1..=6], "polarity", Choice, 0..=1, 0,
             "0 positive PWM makes the sensor's counts rise, 1 fall; as sub-command 06",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.polarity);
+        207 + 10 * [1..=6], "full speed", CountsPerSecond, 0..=8000000, 0,
+            "channel n's speed at full drive, for feed-forward; 0 is setting 3 or 4",
+            |s, n| Some(&mut s.control.channels.get_mut(n)?.full_speed);
     }
 
     /// When the collision protection (sub-command 13) holds the wheels back.

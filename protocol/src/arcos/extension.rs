@@ -16,7 +16,8 @@
 //! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot, set an encoder's count (`0x86`) | 101 |
 //! | 103 | none: what was refused, by reason | 103 |
 //!
-//! The machine state (102) is not carried: an arm drives no DC channel, and ARMpac tells its joints.
+//! The machine state (102) and the recorder (104, 105) are not carried: an arm drives no DC channel, and
+//! ARMpac tells its joints.
 //!
 //! "None" is no argument, or a text of no bytes; an argument of another type is refused as one of a
 //! bad length. An answer's data are the DATA of the answer of that DID, and in an outcome (101) the
@@ -67,12 +68,13 @@ pub fn parse_request<'a>(packet: &Packet<'a>) -> Option<Result<Request<'a>, Outc
 ///
 /// # Errors
 /// [`EncodeError::TooLong`] for more than 27 settings at once, [`EncodeError::NotRepresentable`] for the
-/// machine state, [`EncodeError::BufferTooShort`].
+/// machine state and the recorder, [`EncodeError::BufferTooShort`].
 pub fn encode_request<'b>(
     request: &Request<'_>,
     out: &'b mut [u8],
 ) -> Result<&'b mut [u8], EncodeError> {
-    if matches!(request, Request::State(_)) {
+    let not_carried = [did::STATE, did::RECORDING, did::BLOCK];
+    if not_carried.contains(&request.did()) {
         return Err(EncodeError::NotRepresentable);
     }
     let mut data = Data::new();

@@ -2,6 +2,7 @@
 
 use super::did;
 use super::fault::FaultRecord;
+use super::recorder::{Block, Recording};
 use super::state::MachineState;
 use crate::data::{Data, EncodeError, Field, append, codes, counters, record};
 
@@ -74,7 +75,7 @@ codes! {
         BadLength = 2,
         /// No setting has this number.
         NoSuchSetting = 3,
-        /// The value is out of this setting's range.
+        /// A value is out of its range.
         OutOfRange = 4,
         /// The value contradicts another setting's.
         Contradiction = 5,
@@ -96,7 +97,7 @@ impl core::fmt::Display for Verdict {
             Self::Unknown => "this board's version has no such request",
             Self::BadLength => "the request has the wrong length",
             Self::NoSuchSetting => "no setting has this number",
-            Self::OutOfRange => "the value is out of the setting's range",
+            Self::OutOfRange => "a value is out of its range",
             Self::Contradiction => "the value contradicts another setting's",
             Self::OutputsOn => "a motor or a servo is on that must be off: suspend it first",
             Self::Busy => "another request is being carried out: wait for its answer",
@@ -240,7 +241,7 @@ counters! {
         pub value: u32,
         /// A sub-command of DID 7 that is not known.
         pub sub_command: u32,
-        /// A setting that does not exist, its value out of range, or one that contradicts another.
+        /// A setting that does not exist or contradicts another, or a value of the extension out of its range.
         pub setting: u32,
         /// What the state of things did not allow: something on that must be off, something else under
         /// way, an arm that takes no orders.
@@ -300,6 +301,10 @@ pub enum Answer<'a> {
     State(MachineState),
     /// DID 103.
     Refusals(Refusals),
+    /// DID 104.
+    Recording(Recording),
+    /// DID 105.
+    Block(Block),
 }
 
 impl<'a> Answer<'a> {
@@ -317,6 +322,8 @@ impl<'a> Answer<'a> {
             Self::Outcome(_) => did::OUTCOME,
             Self::State(_) => did::STATE,
             Self::Refusals(_) => did::REFUSALS,
+            Self::Recording(_) => did::RECORDING,
+            Self::Block(_) => did::BLOCK,
         }
     }
 
@@ -360,6 +367,8 @@ impl<'a> Answer<'a> {
             Self::Outcome(outcome) => outcome.put(data),
             Self::State(state) => state.put(data),
             Self::Refusals(refusals) => refusals.put(data),
+            Self::Recording(recording) => recording.put(data),
+            Self::Block(block) => block.put(data),
         }
     }
 
@@ -400,6 +409,8 @@ impl<'a> Answer<'a> {
             did::OUTCOME => Self::Outcome(Field::take(fields)?),
             did::STATE => Self::State(Field::take(fields)?),
             did::REFUSALS => Self::Refusals(Field::take(fields)?),
+            did::RECORDING => Self::Recording(Field::take(fields)?),
+            did::BLOCK => return Block::take(fields),
             _ => return None,
         };
         Some(answer) // what is behind it is of a later version

@@ -43,6 +43,9 @@
 //! | 100 | The record of a latched fault; one at a time | its place in the list (1 byte), from 0 | 100, or 101 |
 //! | 102 | The machine state; PMS5005 only | as DID 123 | 102: the first at once, then every period of setting 33 |
 //! | 103 | What was refused, by reason | none | 103 |
+//! | 104 | How is the recorder? PMS5005 only | none | 104 |
+//! | 104 | Begin a recording, and forget the one before | channels (1 byte), trigger (1), decimation (2), samples (2), before (2) ([`Setup`]) | 104 |
+//! | 105 | Read blocks of the recording | number of the first (2 bytes), how many (2); 0 ends what was asked before | as many 105, one behind the other |
 //!
 //! DID 7 is an extension's when DATA begins with 0x80 or above. Such a frame holds settings, or one
 //! of the other sub-commands alone; the manual's do not mix with them.
@@ -92,6 +95,24 @@
 //! | | +16 | more of the reason: the number of the fault, or the DID of the command; 0 |
 //! | | 113 to 124 | Servos 1 to 6: pulse width in 1/2250 ms, 0 is no pulse |
 //! | 103 | 1 to 36 | 9 counters of 4 bytes, in the order of [`Refusals`]; they wrap |
+//! | 104 | 1 | Number of the recording, 1 to 255 and round again; 0 is none since the start |
+//! | | 2 | [`Phase`] |
+//! | | 3 | Channels: bit 0 is channel 1 |
+//! | | 4 | [`Trigger`] |
+//! | | 5 to 6 | Decimation: control periods from one sample to the next |
+//! | | 7 to 8 | Samples in all: as asked, or what fits |
+//! | | 9 to 10 | Samples taken so far |
+//! | | 11 to 12 | How many of them before the trigger: fewer than asked, if it came early |
+//! | | 13 to 16 | Uptime in ms at the trigger, 0 before it |
+//! | | 17 to 18 | Rows that the memory holds; a row is a sample of one channel |
+//! | 105 | 1 | Number of the recording |
+//! | | 2 to 3 | Number of the block, from 0 |
+//! | | 4 to the end | 8 rows of 15 bytes, fewer in the last block, none if there is no such block or the recording is not done: |
+//! | | +0 to 14 | as in a channel of DID 102: position, velocity, set-point, duty, current, mode |
+//!
+//! Rows go sample by sample, and within a sample channel by channel. A sample at the trigger is always
+//! taken, so the gap before it may be shorter than the others. Blocks (DID 105) wait for the line behind
+//! everything else that is due; 32 KiB of rows take some 3 s at 115,200 baud. What a host misses it asks for again.
 //!
 //! A frame of DID 102 takes 133 bytes. Beside the default telemetry (3 frames every 50 ms, 2,340 bytes
 //! a second) and without it a line has room for so many a second; asked for more, streams take turns and
@@ -107,12 +128,13 @@
 //! On a line slower than 16,000 baud a frame takes longer than the firmware's tasks may be silent: there a
 //! board must not be asked for it.
 //!
-//! Who only reads keeps nothing running: DIDs 96 to 111 are no signs of life ([`is_read`]).
+//! Who only reads or records keeps nothing running: DIDs 96 to 111 are no signs of life ([`is_read`]).
 //!
 //! Nothing here is a measured value that could give way: unlike telemetry, DATA may hold `5E 0D`.
 
 mod answer;
 mod fault;
+mod recorder;
 mod request;
 mod state;
 
@@ -121,11 +143,12 @@ pub use answer::{
     ResetCause, Unit, Verdict,
 };
 pub use fault::{Fault, FaultRecord};
+pub use recorder::{BLOCK, Block, Phase, Recording, Row, Setup, Trigger};
 pub use request::{Action, Assignments, Request};
 pub use state::{ChannelState, MachineState, Mode, Reason, flag};
 
 /// The version of this extension that [`Identity`] tells.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 
 /// Data IDs (Tables E.1 and E.2); the extension owns 96 to 111.
 pub mod did {
@@ -147,11 +170,15 @@ pub mod did {
     pub const STATE: u8 = 102;
     /// What was refused, by reason.
     pub const REFUSALS: u8 = 103;
+    /// The recorder.
+    pub const RECORDING: u8 = 104;
+    /// A block of the recording.
+    pub const BLOCK: u8 = 105;
     /// The last DID of the extension.
     pub const LAST: u8 = 111;
 }
 
-/// Whether a frame with this DID asks only to be told something.
+/// Whether a frame with this DID drives nothing: it asks to be told something, or to record.
 pub fn is_read(did: u8) -> bool {
     (did::SETTING..=did::LAST).contains(&did)
 }

@@ -2,7 +2,8 @@
 
 use super::answer::Verdict;
 use super::did;
-use crate::data::{Data, EncodeError, append, codes};
+use super::recorder::Setup;
+use crate::data::{Data, EncodeError, Field, append, codes};
 use crate::repeat::Repeat;
 
 /// The sub-command of DID 7 that sets a setting; all from here on are the extension's.
@@ -32,6 +33,17 @@ pub enum Request<'a> {
     Refusals,
     /// Tell the machine state, so often (DID 102).
     State(Repeat),
+    /// How is the recorder? (DID 104)
+    Recording,
+    /// Begin a recording (DID 104).
+    Record(Setup),
+    /// Read blocks of the recording (DID 105).
+    Blocks {
+        /// The number of the first.
+        first: u16,
+        /// How many; 0 ends what was asked before.
+        count: u16,
+    },
     /// Set the count of an encoder (DID 7, sub-command 86).
     SetCount {
         /// Whose, from 0.
@@ -76,6 +88,12 @@ impl<'a> Request<'a> {
             did::FAULT => data.try_into().ok().map(|[place]: [u8; 1]| Self::Fault(place)),
             did::STATE => repeat().map(Self::State),
             did::REFUSALS => nothing.then_some(Self::Refusals),
+            did::RECORDING if nothing => Some(Self::Recording),
+            did::RECORDING => return Some(Setup::parse(data).map(Self::Record)),
+            did::BLOCK => data.try_into().ok().map(|[f0, f1, c0, c1]: [u8; 4]| Self::Blocks {
+                first: u16::from_le_bytes([f0, f1]),
+                count: u16::from_le_bytes([c0, c1]),
+            }),
             _ => return Some(Err(Verdict::Unknown)),
         };
         Some(request.ok_or(Verdict::BadLength))
@@ -109,6 +127,8 @@ impl<'a> Request<'a> {
             Self::Fault(_) => did::FAULT,
             Self::State(_) => did::STATE,
             Self::Refusals => did::REFUSALS,
+            Self::Recording | Self::Record(_) => did::RECORDING,
+            Self::Blocks { .. } => did::BLOCK,
         }
     }
 
@@ -118,7 +138,9 @@ impl<'a> Request<'a> {
             Self::Set(assignments) => append(data, assignments.as_bytes()),
             Self::Do(action) => append(data, &[action.number()]),
             Self::Setting(number) => append(data, &number.to_le_bytes()),
-            Self::Identity | Self::Counters | Self::Refusals => Ok(()),
+            Self::Identity | Self::Counters | Self::Refusals | Self::Recording => Ok(()),
+            Self::Record(setup) => setup.put(data),
+            Self::Blocks { first, count } => [*first, *count].put(data),
             Self::Health(repeat) | Self::State(repeat) => repeat.emit(data),
             Self::Fault(place) => append(data, &[*place]),
             Self::SetCount { channel, count } => {

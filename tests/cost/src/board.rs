@@ -5,11 +5,13 @@
 //! line carries, then each behind the acknowledgement of the one before. The machine does 15.6
 //! million instructions a second, a tenth of the board's: times are longer here than there.
 
+use core::cell::RefCell;
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use cortex_m_semihosting::hprintln;
 use embassy_executor::SendSpawner;
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
@@ -18,13 +20,15 @@ use firmware::controller::Controller;
 use firmware::personality::Boot;
 use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
+use firmware::recorder::{Recorder, Row};
 use firmware::settings::Settings;
 use protocol::pms5005::{ACK, Frame, RID_PMS5005, did};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::machine::{LONGEST_ALARM, TICKS_PER_US, ticks};
 
 type Channels = app::Channels<CriticalSectionRawMutex, LinkCounters>;
+type SharedRecorder = app::SharedRecorder<CriticalSectionRawMutex, &'static mut [Row; 64]>;
 
 unsafe extern "C" {
     /// By how many ticks the host's line is late: what QEMU was told to put there, or 0.
@@ -74,6 +78,8 @@ static LATENCY: AtomicU32 = AtomicU32::new(0);
 static CHANNELS: StaticCell<Channels> = StaticCell::new();
 static CONTROLLER: StaticCell<Controller> = StaticCell::new();
 static SESSION: StaticCell<Pms5005> = StaticCell::new();
+static RECORDER: StaticCell<SharedRecorder> = StaticCell::new();
+static ROWS: ConstStaticCell<[Row; 64]> = ConstStaticCell::new([Row::ZERO; 64]);
 
 /// All figures of the board.
 pub fn measure(control: SendSpawner, link: SendSpawner) {
@@ -84,8 +90,11 @@ pub fn measure(control: SendSpawner, link: SendSpawner) {
     let controller = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
     let session =
         SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
-    control.spawn(controls(controller, channels).unwrap_or_else(|_| panic!("spawned twice")));
-    link.spawn(links(session, channels).unwrap_or_else(|_| panic!("spawned twice")));
+    let recorder = &*RECORDER.init_with(|| Mutex::new(RefCell::new(Recorder::new(ROWS.take()))));
+    control.spawn(
+        controls(controller, recorder, channels).unwrap_or_else(|_| panic!("spawned twice")),
+    );
+    link.spawn(links(session, recorder, channels).unwrap_or_else(|_| panic!("spawned twice")));
     link.spawn(senses(channels).unwrap_or_else(|_| panic!("spawned twice")));
     link.spawn(displays(channels).unwrap_or_else(|_| panic!("spawned twice")));
 
@@ -133,13 +142,22 @@ fn idle(until_period: u32, turns: u32) -> u32 {
 }
 
 #[embassy_executor::task]
-async fn controls(controller: &'static mut Controller, channels: &'static Channels) {
-    app::control(&mut Motors { due: None, pulse: None }, controller, channels, |_| {}).await;
+async fn controls(
+    controller: &'static mut Controller,
+    recorder: &'static SharedRecorder,
+    channels: &'static Channels,
+) {
+    let motors = &mut Motors { due: None, pulse: None };
+    app::control(motors, controller, recorder, channels, |_| {}).await;
 }
 
 #[embassy_executor::task]
-async fn links(session: &'static mut Pms5005, channels: &'static Channels) {
-    app::link(&mut Host::new(), &mut Sender, session, channels).await;
+async fn links(
+    session: &'static mut Pms5005,
+    recorder: &'static SharedRecorder,
+    channels: &'static Channels,
+) {
+    app::link(&mut Host::new(), &mut Sender, session, recorder, channels).await;
 }
 
 #[embassy_executor::task]

@@ -13,9 +13,9 @@ use proptest::prelude::*;
 use proptest::sample::{Index, select};
 use proptest::test_runner::{RngAlgorithm, TestRng};
 use protocol::extension::{
-    Action, Answer, Assignments, ChannelState, Counters, Description, Fault, FaultRecord, Health,
-    Identity, Latched, MachineState, Mode, Origin, Outcome, Reason, Refusals, Request, ResetCause,
-    Unit, Verdict,
+    Action, Answer, Assignments, BLOCK, Block, ChannelState, Counters, Description, Fault,
+    FaultRecord, Health, Identity, Latched, MachineState, Mode, Origin, Outcome, Phase, Reason,
+    Recording, Refusals, Request, ResetCause, Row, Setup, Trigger, Unit, Verdict,
 };
 use protocol::pms5005::{
     Addressing, CHANNELS, Channel, Command, CustomIoReport, Data, ETX, Encoder, Frame, Gain,

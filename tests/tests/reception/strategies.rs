@@ -44,12 +44,25 @@ fn request() -> impl Strategy<Value = Request<'static>> {
     prop_oneof![
         select(Action::ALL.to_vec()).prop_map(Request::Do),
         any::<u16>().prop_map(Request::Setting),
-        select(vec![Request::Identity, Request::Counters, Request::Refusals]),
+        select(vec![Request::Identity, Request::Counters, Request::Refusals, Request::Recording]),
         select(repeats.clone()).prop_map(Request::Health),
         select(repeats).prop_map(Request::State),
         any::<(u8, i32)>().prop_map(|(channel, count)| Request::SetCount { channel, count }),
         any::<u8>().prop_map(Request::Fault),
+        setup().prop_map(Request::Record),
+        any::<(u16, u16)>().prop_map(|(first, count)| Request::Blocks { first, count }),
     ]
+}
+
+/// Every recording that can be asked for.
+fn setup() -> impl Strategy<Value = Setup> {
+    let numbers = (1..64u8, 1..=u16::MAX, 1..=u16::MAX, any::<u16>());
+    (numbers, select(Trigger::ALL.to_vec())).prop_map(
+        |((channels, decimation, samples, before), trigger)| {
+            let before = if trigger == Trigger::Now { 0 } else { before % samples };
+            Setup { channels, trigger, decimation, samples, before }
+        },
+    )
 }
 
 /// Every answer of the extension.
@@ -137,7 +150,39 @@ pub fn answer() -> impl Strategy<Value = Answer<'static>> {
             channels,
             servos,
         });
+    let recording = (any::<[u8; 2]>(), any::<[u16; 5]>(), any::<u32>());
+    let codes = (select(Phase::ALL.to_vec()), select(Trigger::ALL.to_vec()));
+    let recording = (recording, codes).prop_map(
+        |(([serial, channels], numbers, triggered_ms), (phase, trigger))| {
+            let [decimation, samples, taken, before, capacity] = numbers;
+            Recording {
+                serial,
+                phase,
+                channels,
+                trigger,
+                decimation,
+                samples,
+                taken,
+                before,
+                triggered_ms,
+                capacity,
+            }
+        },
+    );
+    let row = (any::<[i32; 2]>(), any::<[i16; 2]>(), any::<u16>(), select(Mode::ALL.to_vec()))
+        .prop_map(|([position, velocity], [set_point, duty], current, mode)| Row {
+            position,
+            velocity,
+            set_point,
+            duty,
+            current,
+            mode,
+        });
+    let block = (any::<(u8, u16)>(), prop::collection::vec(row, 0..=BLOCK))
+        .prop_map(|((serial, number), rows)| Block::new(serial, number, rows));
     prop_oneof![
+        recording.prop_map(Answer::Recording),
+        block.prop_map(Answer::Block),
         state.prop_map(Answer::State),
         refusals.prop_map(Answer::Refusals),
         setting.prop_map(Answer::Setting),

@@ -18,7 +18,7 @@
 
 mod period;
 
-use crate::channel::{Loop, Method, Polarity, Sensor};
+use crate::channel::{Channel, Loop, Method, Polarity, Sensor};
 use fixed::{FixedI32, types::extra::U24};
 
 use crate::control::lead::Lead;
@@ -65,6 +65,26 @@ pub enum SetPoint {
     Position(Counts),
     /// Of the velocity loop.
     Velocity(CountsPerSecond),
+}
+
+impl SetPoint {
+    /// The method that it is one of.
+    pub fn method(self) -> Method {
+        match self {
+            Self::Duty(_) => Method::Pwm,
+            Self::Position(_) => Method::Position,
+            Self::Velocity(_) => Method::Velocity,
+        }
+    }
+
+    /// In the method's unit, as a motion command has it.
+    pub fn rounded(self) -> i16 {
+        match self {
+            Self::Duty(duty) => duty.raw(),
+            Self::Position(counts) => counts.saturating_round().saturating_to_num(),
+            Self::Velocity(speed) => speed.saturating_round().saturating_to_num(),
+        }
+    }
 }
 
 /// The set-point of a closed loop less what is measured.
@@ -470,15 +490,16 @@ impl Axis {
         }
     }
 
-    /// Goes by these gains, limits and speeds from now on, as the channel of this index. What an integral
+    /// Goes by these gains, limits and speeds from now on, as this channel. What an integral
     /// has gathered goes with its gain, over [`HANDOVER`] periods.
-    pub fn adopt(&mut self, settings: &ControlSettings, index: usize) {
+    pub fn adopt(&mut self, settings: &ControlSettings, channel: Channel) {
         let whole = |speed: u32| i32::try_from(speed).unwrap_or(i32::MAX);
-        self.full_speed = whole(settings.known_full_speed(self.sensor));
+        self.full_speed = whole(settings.known_full_speed(channel, self.sensor));
         self.feed_forward = FixedI32::<U24>::ONE
-            .checked_div_int(whole(settings.full_speed(self.sensor)))
+            .checked_div_int(whole(settings.full_speed(channel, self.sensor)))
             .unwrap_or(FixedI32::ZERO);
-        self.settings = settings.channels.get(index).copied().unwrap_or(ChannelSettings::DEFAULT);
+        let own = settings.channels.get(channel.index());
+        self.settings = own.copied().unwrap_or(ChannelSettings::DEFAULT);
         self.position = Gains::new(Loop::Position, self.settings.position);
         self.velocity = Gains::new(Loop::Velocity, self.settings.velocity);
         let has_integral = match self.method {
@@ -491,7 +512,7 @@ impl Axis {
             self.old_drive = self.drive;
             self.handover = HANDOVER;
         }
-        let soft_limits = settings.soft_limits.get(index).unwrap_or(&SoftLimits::NONE);
+        let soft_limits = settings.soft_limits.get(channel.index()).unwrap_or(&SoftLimits::NONE);
         self.track = Track::new(self.sensor, soft_limits);
         self.oldest = settings.oldest_command;
         self.longest_move = settings.longest_move;

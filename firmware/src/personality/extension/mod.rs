@@ -8,25 +8,26 @@ mod words;
 
 use core::array;
 use core::num::NonZeroU8;
+use core::ops::Range;
 
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
 use protocol::extension::{
-    Action, Answer, Assignments, Counters, Health, Identity, Latched, MachineState, Outcome,
-    Refusals, Request, VERSION, Verdict, did, flag,
+    Action, Answer, Assignments, BLOCK, Block, Counters, Health, Identity, Latched, MachineState,
+    Outcome, Refusals, Request, VERSION, Verdict, did, flag,
 };
 use protocol::pms5005::Repeat;
 
-use super::{Effect, Upkeep, UpkeepRefused, count};
+use super::{Effect, Upkeep, UpkeepRefused, View, count};
 use crate::channel::{Channel, ENCODERS, Scope};
 use crate::command::Command;
-use crate::controller::{CountRefusal, CountSet, ShownFault, Snapshot};
+use crate::controller::{self, ControlCounters, CountRefusal, CountSet, ShownFault, Snapshot};
 use crate::ports::{Program, ResetCause};
 use crate::safety::faults::Fault;
 use crate::settings::store::Origin;
 use crate::settings::{SettingRefused, Settings};
 use crate::units::ServoPulse;
-use words::{channel_state, description, fault_record, origin, reset_cause};
+use words::{channel_state, description, fault_record, origin, recording, reset_cause, row, setup};
 
 /// Answers that may wait. A host that waits for each before it asks again never has two.
 const ANSWERS_WAITING: usize = 8;
@@ -102,6 +103,7 @@ pub(super) enum Owed {
     Counters,
     Fault(u8),
     Refusals,
+    Recording,
     Outcome(Outcome),
 }
 
@@ -121,6 +123,8 @@ pub(super) struct Extension {
     /// not known yet.
     count_serial: u8,
     count_looked_at: Option<Instant>,
+    /// The blocks of the recording that the host still waits for.
+    blocks: Range<u16>,
     /// What the session has refused.
     pub(super) refusals: Refusals,
 }
@@ -136,6 +140,7 @@ impl Extension {
             asked_fault: None,
             count_serial: 0,
             count_looked_at: None,
+            blocks: 0..0,
             refusals: Refusals::default(),
         }
     }
@@ -172,9 +177,20 @@ impl Extension {
         owed
     }
 
+    /// Whether blocks of the recording wait.
+    pub(super) fn has_blocks(&self) -> bool {
+        !self.blocks.is_empty()
+    }
+
+    /// The number of the next block to be told; it counts as told.
+    pub(super) fn next_block(&mut self) -> Option<u16> {
+        self.blocks.next()
+    }
+
     /// Owes nobody anything any more: the host has gone. Upkeep under way is still done.
     pub(super) fn forget(&mut self) {
         self.owed.clear();
+        self.blocks = 0..0;
         (self.asked_fault, self.count_looked_at) = (None, None);
     }
 
@@ -279,6 +295,15 @@ impl Extension {
                 (None, Some(Effect::Control(Command::ShowFault(place))))
             }
             Request::Refusals => (Some(Owed::Refusals), None),
+            Request::Recording => (Some(Owed::Recording), None),
+            Request::Record(wanted) => {
+                self.blocks = 0..0;
+                (Some(Owed::Recording), Some(Effect::Record(setup(wanted))))
+            }
+            Request::Blocks { first, count } => {
+                self.blocks = first..first.saturating_add(count);
+                (None, None)
+            }
             Request::SetCount { channel, count } => {
                 let verdict = match Channel::ALL.get(usize::from(channel)) {
                     Some(channel) if channel.index() >= ENCODERS => Verdict::NotAvailable,
@@ -368,7 +393,7 @@ impl Extension {
     pub(super) fn answer(
         &self,
         owed: Owed,
-        snapshot: &Snapshot,
+        board: &impl View,
         counters: impl FnOnce() -> Counters,
     ) -> Option<Answer<'static>> {
         Some(match owed {
@@ -379,23 +404,20 @@ impl Extension {
                 reset: reset_cause(self.boot.reset),
                 settings: origin(self.boot.settings),
             }),
-            Owed::Counters => Answer::Counters(Counters {
-                commands_refused: snapshot.counters.refused.total(),
-                links_lost: snapshot.counters.links_lost,
-                ..counters()
-            }),
+            Owed::Counters => {
+                let ControlCounters { refused, links_lost, .. } = board.snapshot().counters;
+                let commands_refused = refused.total();
+                Answer::Counters(Counters { commands_refused, links_lost, ..counters() })
+            }
             Owed::Fault(place) => {
-                let ShownFault { total, record, .. } = snapshot.shown_fault;
+                let ShownFault { total, record, .. } = board.snapshot().shown_fault;
                 Answer::Fault(Latched { place, total, record: record.and_then(fault_record) })
             }
             Owed::Refusals => {
-                let refused = &snapshot.counters.refused;
-                Answer::Refusals(Refusals {
-                    method: refused.method,
-                    scale: refused.scale,
-                    ..self.refusals
-                })
+                let controller::Refusals { method, scale } = board.snapshot().counters.refused;
+                Answer::Refusals(Refusals { method, scale, ..self.refusals })
             }
+            Owed::Recording => Answer::Recording(recording(board.recording())),
             Owed::Outcome(outcome) => Answer::Outcome(outcome),
         })
     }
@@ -429,6 +451,13 @@ impl Extension {
             periods_missed: snapshot.counters.periods_missed,
         })
     }
+}
+
+/// A block of the recording.
+pub(super) fn block(number: u16, board: &impl View) -> Answer<'static> {
+    let first = usize::from(number) * BLOCK;
+    let (serial, rows) = board.rows(first..first.saturating_add(BLOCK));
+    Answer::Block(Block::new(serial, number, rows.into_iter().map(row)))
 }
 
 /// The firmware's version.

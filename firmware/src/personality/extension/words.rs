@@ -2,9 +2,11 @@
 
 use protocol::extension::{self as wire, ChannelState, Mode};
 
-use crate::control::axis::{AxisRefusal, SetPoint};
+use crate::channel::{ChannelSet, Method};
+use crate::control::axis::AxisRefusal;
 use crate::controller::{ChannelSnapshot, Reason};
 use crate::ports::{MotorOutput, ResetCause};
+use crate::recorder;
 use crate::safety::faults::FaultRecord;
 use crate::settings::store::Origin;
 use crate::settings::{Setting, Unit};
@@ -32,14 +34,8 @@ pub(super) fn channel_state(
     output: &MotorOutput,
     current: u16,
 ) -> ChannelState {
-    let (mode, set_point) = match channel.set_point {
-        _ if !output.enabled => (Mode::Off, 0),
-        SetPoint::Duty(duty) => (Mode::Pwm, duty.raw()),
-        SetPoint::Position(counts) => {
-            (Mode::Position, counts.saturating_round().saturating_to_num())
-        }
-        SetPoint::Velocity(speed) => (Mode::Velocity, speed.saturating_round().saturating_to_num()),
-    };
+    let is_on = output.enabled;
+    let set_point = if is_on { channel.set_point.rounded() } else { 0 };
     let (reason, detail) = match channel.reason {
         None => (wire::Reason::None, 0),
         Some(Reason::Fault(fault)) => (wire::Reason::Fault, fault.number()),
@@ -66,9 +62,71 @@ pub(super) fn channel_state(
         set_point,
         duty: output.duty.raw(),
         current,
-        mode,
+        mode: mode(is_on.then(|| channel.set_point.method())),
         reason,
         detail,
+    }
+}
+
+fn mode(method: Option<Method>) -> Mode {
+    match method {
+        None => Mode::Off,
+        Some(Method::Pwm) => Mode::Pwm,
+        Some(Method::Position) => Mode::Position,
+        Some(Method::Velocity) => Mode::Velocity,
+    }
+}
+
+pub(super) fn setup(setup: wire::Setup) -> recorder::Setup {
+    let wire::Setup { channels, trigger, decimation, samples, before } = setup;
+    let trigger = match trigger {
+        wire::Trigger::Now => recorder::Trigger::Now,
+        wire::Trigger::Motion => recorder::Trigger::Motion,
+        wire::Trigger::Fault => recorder::Trigger::Fault,
+    };
+    let channels = ChannelSet::from_bits(channels);
+    recorder::Setup { channels, trigger, decimation, samples, before }
+}
+
+pub(super) fn recording(recording: recorder::Recording) -> wire::Recording {
+    let recorder::Recording { serial, phase, setup, taken, before, triggered_ms, capacity } =
+        recording;
+    let phase = match phase {
+        recorder::Phase::None => wire::Phase::None,
+        recorder::Phase::Waiting => wire::Phase::Waiting,
+        recorder::Phase::Recording => wire::Phase::Recording,
+        recorder::Phase::Done => wire::Phase::Done,
+    };
+    let trigger = match setup.trigger {
+        recorder::Trigger::Now => wire::Trigger::Now,
+        recorder::Trigger::Motion => wire::Trigger::Motion,
+        recorder::Trigger::Fault => wire::Trigger::Fault,
+    };
+    let recorder::Setup { channels, decimation, samples, .. } = setup;
+    let channels = channels.bits();
+    wire::Recording {
+        serial,
+        phase,
+        channels,
+        trigger,
+        decimation,
+        samples,
+        taken,
+        before,
+        triggered_ms,
+        capacity,
+    }
+}
+
+pub(super) fn row(row: recorder::Row) -> wire::Row {
+    let recorder::Row { position, velocity, set_point, duty, current, method } = row;
+    wire::Row {
+        position,
+        velocity: velocity.saturating_round().to_num(),
+        set_point,
+        duty: duty.raw(),
+        current,
+        mode: mode(method),
     }
 }
 

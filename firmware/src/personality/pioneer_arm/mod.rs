@@ -45,7 +45,7 @@ use protocol::extension::{Outcome, Request};
 use protocol::pms5005::Repeat;
 
 use super::extension::{Boot, Extension, Owed, Stream};
-use super::{Effect, MAX_FRAME, Session, TimedReceiver, UpkeepRefused, count};
+use super::{Effect, MAX_FRAME, Session, TimedReceiver, UpkeepRefused, View, count};
 use crate::controller::Snapshot;
 use crate::fmt::warning;
 use crate::settings::Settings;
@@ -206,7 +206,7 @@ impl Session for PioneerArm {
     fn transmit<'b>(
         &mut self,
         now: Instant,
-        snapshot: impl FnOnce() -> Snapshot,
+        board: &impl View,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
         let due = self.answers.next(now)?;
@@ -216,16 +216,15 @@ impl Session for PioneerArm {
             Due::Echo(packet) => packet.encode(out),
             Due::Status => {
                 let Answers { dialect, arm, .. } = &mut self.answers;
-                arm.look(now, &snapshot().servos);
+                arm.look(now, &board.snapshot().servos);
                 arm.status().encode(*dialect, out)
             }
             Due::Info => arm.info().encode(out),
-            Due::Standard => standard(&snapshot()).encode(out),
-            Due::Health => extension::encode_answer(&extension.health(now, &snapshot()), out),
+            Due::Standard => standard(&board.snapshot()).encode(out),
+            Due::Health => extension::encode_answer(&extension.health(now, &board.snapshot()), out),
             Due::Owed(owed) => {
-                let snapshot = snapshot();
                 let counters = || self.counters().told();
-                extension::encode_answer(&extension.answer(owed, &snapshot, counters)?, out)
+                extension::encode_answer(&extension.answer(owed, board, counters)?, out)
             }
         };
         packet.ok().map(|packet| &*packet)

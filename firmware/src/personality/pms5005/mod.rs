@@ -13,7 +13,8 @@
 //! - the host hears from us at least once a second: telemetry, or a ping;
 //! - any intact frame is a sign of life of the host, those for other devices too, but what comes from a
 //!   board (RID 0: an echo of our own) and what only asks to be told something;
-//! - what the extension is asked for goes behind acknowledgements, before telemetry.
+//! - what the extension is asked for goes behind acknowledgements, before telemetry; blocks of a recording
+//!   go when nothing else is due.
 
 mod translate;
 
@@ -26,8 +27,8 @@ use protocol::pms5005::{
     Reports, did, encode_answer,
 };
 
-use super::extension::{Boot, Extension, Owed, Stream};
-use super::{Effect, MAX_FRAME, Picture, Session, TimedReceiver, UpkeepRefused, count};
+use super::extension::{Boot, Extension, Owed, Stream, block};
+use super::{Effect, MAX_FRAME, Picture, Session, TimedReceiver, UpkeepRefused, View, count};
 use crate::command::Command;
 use crate::controller::Snapshot;
 use crate::fmt::warning;
@@ -156,7 +157,7 @@ impl Session for Pms5005 {
     fn transmit<'b>(
         &mut self,
         now: Instant,
-        snapshot: impl FnOnce() -> Snapshot,
+        board: &impl View,
         out: &'b mut [u8; MAX_FRAME],
     ) -> Option<&'b [u8]> {
         let due = self.answers.next(now)?;
@@ -165,19 +166,19 @@ impl Session for Pms5005 {
             Due::Ack => return Some(&ACK),
             Due::Ping => PING.encode(out),
             Due::Stream(Topic::Telemetry(reports), due) => {
-                report(reports, self.answers.moment(due, now, snapshot)).encode(out)
+                report(reports, self.answers.moment(due, now, board)).encode(out)
             }
             Due::Stream(Topic::State, _) => {
                 let refused = self.answers.counters.refused;
-                encode_answer(&extension.state(now, &snapshot(), refused), out)
+                encode_answer(&extension.state(now, &board.snapshot(), refused), out)
             }
             Due::Stream(Topic::Health, _) => {
-                encode_answer(&extension.health(now, &snapshot()), out)
+                encode_answer(&extension.health(now, &board.snapshot()), out)
             }
             Due::Answer(owed) => {
-                let snapshot = snapshot();
-                encode_answer(&extension.answer(owed, &snapshot, || self.counters())?, out)
+                encode_answer(&extension.answer(owed, board, || self.counters())?, out)
             }
+            Due::Block(number) => encode_answer(&block(number, board), out),
         };
         frame.ok().map(|frame| &*frame)
     }
@@ -215,12 +216,14 @@ enum Due {
     Answer(Owed),
     /// What it is about, and when it was due.
     Stream(Topic, Instant),
+    /// A block of the recording.
+    Block(u16),
     Ping,
 }
 
 impl Answers {
     fn due_at(&self) -> Instant {
-        if self.acks_waiting > 0 || self.extension.owes() {
+        if self.acks_waiting > 0 || self.extension.owes() || self.extension.has_blocks() {
             return Instant::MIN;
         }
         let ping = self.spoke.saturating_add(PING_PERIOD);
@@ -240,6 +243,10 @@ impl Answers {
             self.spoke = now;
             count(&mut self.counters.telemetry_sent, 1);
             Some(Due::Stream(topic, due))
+        } else if let Some(number) = self.extension.next_block() {
+            self.spoke = now;
+            count(&mut self.counters.answers_sent, 1);
+            Some(Due::Block(number))
         } else if now >= self.spoke.saturating_add(PING_PERIOD) {
             self.spoke = now;
             count(&mut self.counters.pings_sent, 1);
@@ -251,15 +258,10 @@ impl Answers {
 
     /// What telemetry that was due then tells: reports that were due together, as those that one frame
     /// has asked for, tell of one moment. Unless that is a telemetry period ago.
-    fn moment(
-        &mut self,
-        due: Instant,
-        now: Instant,
-        snapshot: impl FnOnce() -> Snapshot,
-    ) -> &Snapshot {
+    fn moment(&mut self, due: Instant, now: Instant, board: &impl View) -> &Snapshot {
         let fresh = now.checked_sub(telemetry_period(self.extension.settings()));
         if self.moment.due != due || fresh.is_some_and(|fresh| self.moment.taken <= fresh) {
-            self.moment = Moment { due, taken: now, snapshot: snapshot() };
+            self.moment = Moment { due, taken: now, snapshot: board.snapshot() };
         }
         &self.moment.snapshot
     }

@@ -26,16 +26,18 @@ use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use embassy_futures::join::join;
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_time::Instant;
 use firmware::app;
 use firmware::controller::Controller;
 use firmware::liveness::WATCHDOG_PERIOD;
 use firmware::personality::Boot;
 use firmware::personality::pms5005::{LinkCounters, Pms5005};
+use firmware::recorder::{Recorder, Row};
 use firmware::settings::Settings;
 use hal_mock::plant::{Plant, Scene};
 use hal_mock::tasks::{self, Channels, Watchdog};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 use uart::{HOST, Line, TRACE};
 
 /// The processor clock of the machine.
@@ -48,6 +50,8 @@ static PLANT: StaticCell<RefCell<Plant>> = StaticCell::new();
 static CHANNELS: StaticCell<Channels<LinkCounters>> = StaticCell::new();
 static CONTROLLER: StaticCell<Controller> = StaticCell::new();
 static SESSION: StaticCell<Pms5005> = StaticCell::new();
+/// The recorder's.
+static ROWS: ConstStaticCell<[Row; 1024]> = ConstStaticCell::new([Row::ZERO; 1024]);
 
 /// How far the board's time may go. It lasts 49 days.
 static MILLISECONDS: AtomicU32 = AtomicU32::new(0);
@@ -61,6 +65,7 @@ fn main() -> ! {
     let controller = CONTROLLER.init_with(|| Controller::new(Settings::DEFAULT.control));
     let session =
         SESSION.init_with(|| Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::now()));
+    let recorder = Mutex::new(RefCell::new(Recorder::new(ROWS.take())));
     TRACE.start();
     HOST.start();
     uart::listen();
@@ -71,7 +76,8 @@ fn main() -> ! {
     let line = Line::default();
     let (mut rx, mut tx) = line.board_end();
     let watchdog = Watchdog::new(WATCHDOG_PERIOD); // which nobody waits for to bite
-    let all = tasks::all(plant, controller, session, (&mut rx, &mut tx), channels, &watchdog);
+    let ends = (&mut rx, &mut tx);
+    let all = tasks::all(plant, controller, session, &recorder, ends, channels, &watchdog);
     let mut board = pin!(async {
         join(all, app::no_upkeep(channels)).await;
     });

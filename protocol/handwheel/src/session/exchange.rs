@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use protocol::arcos;
 use protocol::extension::{
-    Action, Answer, Counters, Description, Health, Identity, Latched, MachineState, Refusals,
-    Request, Unit, Verdict,
+    Action, Answer, Counters, Description, Health, Identity, Latched, MachineState, Recording,
+    Refusals, Request, Unit, Verdict,
 };
 use protocol::pms5005::{Command, Frame, MAX_FRAME, RES_NO_ACK};
 
@@ -55,6 +55,9 @@ impl From<&Description<'_>> for Setting {
     }
 }
 
+/// What a block of a recording takes at 19200 baud.
+const BLOCK_TIME: Duration = Duration::from_millis(70);
+
 /// What came of an exchange.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the types say it")]
@@ -68,6 +71,7 @@ pub enum Reply {
     Fault(Latched),
     State(MachineState),
     Refusals(Refusals),
+    Recording(Recording),
     /// A packet of ARCOS: its id and its data.
     Packet(u8, Vec<u8>),
 }
@@ -87,7 +91,7 @@ pub enum Failure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wants {
     Acknowledgement,
-    /// An answer with this DID; of a setting or a fault, about this one.
+    /// An answer with this DID; of a setting, a fault or a block, about this one.
     Answer(u8, Option<u16>),
     /// The outcome of a request with this DID and first byte.
     Outcome(u8, u8),
@@ -140,6 +144,10 @@ impl Exchange {
                 Wants::Answer(asked.0, Some(number).filter(|&number| number != 0))
             }
             Request::Fault(place) => Wants::Answer(asked.0, Some(place.into())),
+            // The last of them, behind which none will come.
+            Request::Blocks { first, count } => {
+                Wants::Answer(asked.0, Some(first.wrapping_add(count).wrapping_sub(1)))
+            }
             _ => Wants::Answer(asked.0, None),
         };
         let bytes = match personality {
@@ -152,6 +160,9 @@ impl Exchange {
         let mut exchange = Self { asked, ..Self::new(bytes, wants) };
         if *request == Request::Identity {
             exchange.tries = TRIES_TO_MEET;
+        }
+        if let Request::Blocks { count, .. } = request {
+            exchange.patience += BLOCK_TIME * u32::from(*count);
         }
         if let Request::Do(action) = request
             && *action != Action::ClearFaults
@@ -202,6 +213,7 @@ impl Exchange {
         let about = match answer {
             Answer::Setting(setting) => Some(setting.number),
             Answer::Fault(latched) => Some(latched.place.into()),
+            Answer::Block(block) => Some(block.number),
             _ => None,
         };
         let is_it = match self.wants {
@@ -218,7 +230,8 @@ impl Exchange {
                 Answer::Fault(latched) => Reply::Fault(*latched),
                 Answer::State(state) => Reply::State(*state),
                 Answer::Refusals(refusals) => Reply::Refusals(*refusals),
-                Answer::Outcome(_) => Reply::Done,
+                Answer::Recording(recording) => Reply::Recording(*recording),
+                Answer::Outcome(_) | Answer::Block(_) => Reply::Done,
             })
         })
     }

@@ -22,7 +22,7 @@ use std::time::Duration;
 
 use protocol::arcos::{ArmCommand, Packet, Standard};
 use protocol::cm5::{self, Feedback, Hello};
-use protocol::extension::{Answer, MachineState, Request};
+use protocol::extension::{Answer, Block, MachineState, Request};
 use protocol::pms5005::{Command, Frame, MAX_FRAME, RES_NO_ACK, RID_HOST, Report, did};
 
 pub use exchange::{Failure, Reply, Setting};
@@ -57,6 +57,8 @@ pub enum Event {
     Report(Report),
     /// The machine state of a PMS5005, whoever has asked for it.
     State(MachineState),
+    /// A block of the recording, whoever has asked for it.
+    Block(Block),
     /// The exchange under way has its answer.
     Answered(Reply),
     /// It has none, or the board refuses.
@@ -298,8 +300,10 @@ impl Session {
     }
 
     fn receive_answer(&mut self, answer: &Answer<'_>) {
-        if let Answer::State(state) = answer {
-            self.events.push_back(Event::State(*state));
+        match answer {
+            Answer::State(state) => self.events.push_back(Event::State(*state)),
+            Answer::Block(block) => self.events.push_back(Event::Block(*block)),
+            _ => {}
         }
         let verdict = self.exchanges.front_mut().and_then(|exchange| exchange.judge(answer));
         match verdict {

@@ -151,7 +151,7 @@ impl Panel {
             Event::Packet(id, data) => self.take_status(*id, data),
             Event::Servos(ids) => self.tell_servos(ids, &[]),
             Event::Feedback(told) => self.tell_servos(&[], told),
-            Event::Heard(_) | Event::Answered(_) | Event::Failed(_) => {}
+            Event::Block(_) | Event::Heard(_) | Event::Answered(_) | Event::Failed(_) => {}
         }
     }
 
