@@ -14,6 +14,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use embassy_futures::join::join5;
+use embassy_sync::blocking_mutex::Mutex;
 use embassy_time::{Instant, Timer};
 use firmware::app;
 use firmware::control::axis::SetPoint;
@@ -21,6 +22,7 @@ use firmware::controller::{Controller, Snapshot};
 use firmware::personality::Boot;
 use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::ports::{LcdPort, MotionInputs, MotionPort, Outputs, SensorPort, Sensors};
+use firmware::recorder::{Recorder, Row};
 use firmware::settings::Settings;
 use firmware::units::Duty;
 use hal_mock::clock;
@@ -36,6 +38,8 @@ use super::plant::{Machine, Plant, Wrong};
 
 /// The line's speed in baud.
 const LINE_RATE: u32 = 115_200;
+/// Rows that the board's recorder holds, as an F407's does.
+const RECORDER_ROWS: usize = 4096;
 /// How often the host shows that it is there while it drives.
 const SIGN_OF_LIFE: Duration = Duration::from_millis(200);
 
@@ -240,11 +244,13 @@ async fn board(world: Rc<RefCell<World>>, line: Line, channels: Rc<Channels<Link
     let settings = Settings::DEFAULT;
     let mut session = Pms5005::new(settings, Boot::default(), Instant::now());
     let mut controller = Controller::new(settings.control);
+    let recorder = Recorder::new(vec![Row::ZERO; RECORDER_ROWS]);
+    let recorder = Mutex::new(RefCell::new(recorder));
     let (mut rx, mut tx) = line.board_end();
     let mut motion = Bench(world);
     join5(
-        app::control(&mut motion, &mut controller, &channels, |_| {}),
-        app::link(&mut rx, &mut tx, &mut session, &channels),
+        app::control(&mut motion, &mut controller, &recorder, &channels, |_| {}),
+        app::link(&mut rx, &mut tx, &mut session, &recorder, &channels),
         app::sensors(&mut Idle, &channels),
         app::display(&mut Idle, &channels),
         app::no_upkeep(&channels),
