@@ -31,7 +31,7 @@ pub mod cm5_board;
 #[cfg(feature = "std")]
 pub mod flash;
 #[cfg(feature = "std")]
-mod running;
+pub mod running;
 #[cfg(feature = "std")]
 pub mod scene_file;
 #[cfg(feature = "std")]

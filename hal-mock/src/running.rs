@@ -25,6 +25,7 @@ impl Wake for Woken {
 }
 
 impl Running {
+    /// They run from the next call on.
     pub fn new(task: impl Future<Output = ()> + 'static) -> Self {
         let woken = Arc::new(Woken(AtomicBool::new(true)));
         let waker = Waker::from(woken.clone());

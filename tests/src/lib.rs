@@ -1,7 +1,7 @@
 //! Hosts of virtual boards, for the tests beside it: [`host`] is what all have in common,
 //! [`timeline`] what is seen when; [`Bench`], [`arm::Arm`] and [`cm5::Bench`] speak a personality's
 //! words, and [`extension`] those that the first two share. [`foreign`] is a motor and a PID that the
-//! controller was not written beside.
+//! controller was not written beside, [`workshop`] two hundred drives that no tuner was.
 //!
 //! - `tests/conformance/`: the manual, example by example and table by table;
 //! - `tests/reception/`: properties of the receiver and of every codec;
@@ -22,6 +22,7 @@
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
 //! - `tests/qemu/`: the virtual board as an image, in QEMU;
+//! - `benches/tuning.rs`: what tuning makes of two hundred drives;
 //! - `cost/`: a crate of its own, what the code costs in instructions;
 //! - `chip/`: a workspace of its own, the images that are flashed on a modelled chip (`.ci/chip`).
 
@@ -32,6 +33,7 @@ pub mod foreign;
 pub mod host;
 pub mod pms5005;
 pub mod timeline;
+pub mod workshop;
 
 use std::ops::Range;
 
