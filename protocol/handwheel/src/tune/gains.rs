@@ -12,6 +12,8 @@
 //! The fastest lambda is taken for which the board's own loop, in whole counts and with the gains rounded to the
 //! numbers that the firmware uses, is predicted to be steady: with this motor, and with one that differs.
 
+use std::time::Duration;
+
 use super::model::{Expected, Motor, PERIOD, step_of};
 use crate::step::{Response, Sample, response};
 
@@ -69,6 +71,8 @@ const TRIES: i32 = 40;
 /// Overshoot in percent of the motor that was found, and of one that differs from it.
 const OVERSHOOT: f64 = 3.0;
 const OVERSHOOT_OF_OTHERS: f64 = 7.0;
+/// How another may differ: gain and time constant in parts, dead time in seconds more.
+const OTHERS: [(f64, f64, f64); 3] = [(1.15, 1.0, 0.0), (0.9, 1.2, 0.0), (1.1, 0.85, 0.003)];
 /// How far the duty of a steady shaft may swing, rms, in parts of full drive.
 const RESTLESS: f64 = 0.05;
 /// The longest that a step is looked at, in seconds.
@@ -111,37 +115,64 @@ fn judge(
 ) -> Option<Design> {
     let seconds = (6.0 * lambda + 3.0 * motor.time_constant + 0.4).min(LONGEST);
     let periods = (seconds / PERIOD) as usize;
-    let run = |motor: &Motor| step_of(motor, control_loop, gains, step, periods);
-    let told = |curve: &[Expected]| {
-        let samples = curve.iter().map(|at| at.value).collect::<Vec<_>>();
-        response(&every_period(&samples), 0.0, step.target)
-    };
-    let curve = run(motor);
-    let own = told(&curve).filter(|own| own.overshoot_percent <= OVERSHOOT)?;
-    own.settling?;
+    let curve = step_of(motor, control_loop, gains, step, periods);
+    let response = told(&curve, step)?;
     let tail = curve.get(periods * 3 / 4..)?;
     let mean = tail.iter().map(|at| at.duty).sum::<f64>() / tail.len() as f64;
     let swing = tail.iter().map(|at| (at.duty - mean).powi(2)).sum::<f64>() / tail.len() as f64;
-    let others = [(1.15, 1.0, 0.0), (0.9, 1.2, 0.0), (1.1, 0.85, 0.003)];
-    let bears = |(gain, slow, late): (f64, f64, f64)| {
-        let other = Motor {
-            gain: motor.gain * gain,
-            time_constant: motor.time_constant * slow,
-            dead_time: motor.dead_time + late,
-            ..*motor
-        };
-        told(&run(&other)).is_some_and(|told| {
-            told.settling.is_some() && told.overshoot_percent <= OVERSHOOT_OF_OTHERS
-        })
+    let is_good = |motor: &Motor, step, overshoot| {
+        let told = told(&step_of(motor, control_loop, gains, step, periods), step);
+        told.is_some_and(|told| told.settling.is_some() && told.overshoot_percent <= overshoot)
     };
-    let is_steady = swing.sqrt() <= RESTLESS && others.into_iter().all(bears);
+    let others = OTHERS.map(|(gain, slow, late)| Motor {
+        gain: motor.gain * gain,
+        time_constant: motor.time_constant * slow,
+        dead_time: motor.dead_time + late,
+        ..*motor
+    });
+    let is_steady = swing.sqrt() <= RESTLESS
+        && is_good(motor, step, OVERSHOOT)
+        && others.iter().all(|other| is_good(other, step, OVERSHOOT_OF_OTHERS))
+        && other_steps(motor, control_loop, step)
+            .into_iter()
+            .all(|step| is_good(motor, step, OVERSHOOT));
     let seen = curve.iter().map(|at| at.seen).collect();
-    is_steady.then_some(Design { gains, lambda, response: own, seen })
+    is_steady.then_some(Design { gains, lambda, response, seen })
+}
+
+/// Steps that a loop which is made by one has to bear as well: smaller ones, and with all the drive that there is.
+fn other_steps(motor: &Motor, control_loop: Loop, step: Step) -> Vec<Step> {
+    let half = Step { target: step.target / 2.0, ..step };
+    match control_loop {
+        Loop::Position => vec![half],
+        Loop::Velocity => {
+            let whole = motor.steady(1.0).min(i16::MAX.into());
+            let of = |part: f64| Step { target: part * whole, most: 1.0 };
+            vec![half, of(0.2), of(0.4), of(0.8)]
+        }
+    }
+}
+
+/// What a loop with these gains is expected to make of a step, in this time; `None` if it is no step.
+pub(super) fn expect(
+    motor: &Motor,
+    control_loop: Loop,
+    gains: Gains,
+    step: Step,
+    time: Duration,
+) -> Option<Response> {
+    let periods = (time.as_secs_f64() / PERIOD) as usize;
+    told(&step_of(motor, control_loop, gains, step, periods), step)
+}
+
+fn told(curve: &[Expected], step: Step) -> Option<Response> {
+    let values: Vec<_> = curve.iter().map(|at| at.value).collect();
+    response(&every_period(&values), 0.0, step.target)
 }
 
 /// Values of one control period after the other, as samples.
 pub(super) fn every_period(values: &[f64]) -> Vec<Sample> {
-    let time = |n| std::time::Duration::from_secs_f64(f64::from(n) * PERIOD);
+    let time = |n| Duration::from_secs_f64(f64::from(n) * PERIOD);
     (1u32..).zip(values).map(|(n, &value)| Sample { time: time(n), value, duty: 0.0 }).collect()
 }
 

@@ -51,6 +51,9 @@ impl Hand {
 
     /// What it is about from now on.
     pub(super) fn says(&self, doing: &'static str) {
+        if std::env::var_os("DBG").is_some() {
+            eprintln!("{:?} {doing}", self.now());
+        }
         look(&self.shared).doing = doing;
     }
 
@@ -98,8 +101,11 @@ impl Hand {
 
     /// The next machine state's channel.
     pub(super) async fn state(&self) -> Result<ChannelState, Refused> {
-        let seen = look(&self.shared).states;
-        let began = self.now();
+        let (seen, began) = {
+            let mut shared = look(&self.shared);
+            shared.watches = true;
+            (shared.states, shared.now)
+        };
         poll_fn(|_| {
             if let Some(stopped) = self.stopped() {
                 return Poll::Ready(Err(stopped));
@@ -205,6 +211,7 @@ impl Hand {
     /// Reads a recording, once it is done.
     pub(super) async fn rows(&self, serial: u8) -> Result<Vec<Row>, Refused> {
         let other = || Refused::Stopped("another host uses the recorder: end that host".into());
+        look(&self.shared).watches = false;
         let recording = loop {
             let recording = self.recording(Request::Recording).await?;
             if recording.serial != serial {

@@ -1,13 +1,14 @@
 //! A procedure as a session without I/O, for whoever has a line and a clock: a program that waits, a page, a
 //! test on virtual time.
 
+use std::num::NonZeroU8;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use protocol::extension::{Assignments, Block, MachineState, Request};
-use protocol::pms5005::{Command, Data};
+use protocol::pms5005::{Command, Data, Repeat};
 
 use crate::error::Error;
 use crate::session::{Event, Failure, Personality, Reply, Session};
@@ -118,6 +119,8 @@ pub(super) struct Shared {
     /// Why it is to end.
     pub(super) stop: Option<String>,
     pub(super) is_driving: bool,
+    /// Machine states are waited for.
+    pub(super) watches: bool,
     /// What it is about, for people.
     pub(super) doing: &'static str,
 }
@@ -139,9 +142,10 @@ pub struct Job<T> {
     life: Option<Duration>,
 }
 
-/// So many machine states are asked for at once, and so often.
-const STATES: u8 = 255;
-const RENEW: Duration = Duration::from_secs(2);
+/// So many machine states are asked for at once, and so often: when nobody looks at them any more, the line is
+/// soon free for a recording.
+const STATES: NonZeroU8 = NonZeroU8::new(30).unwrap();
+const RENEW: Duration = Duration::from_millis(400);
 /// How often signs of life are sent.
 const LIFE: Duration = Duration::from_millis(200);
 
@@ -197,6 +201,11 @@ impl<T> Job<T> {
         look(&self.shared).is_driving
     }
 
+    /// Whether it waits for machine states.
+    pub fn watches(&self) -> bool {
+        look(&self.shared).watches
+    }
+
     /// What it is about, for people.
     pub fn doing(&self) -> &'static str {
         look(&self.shared).doing
@@ -224,11 +233,9 @@ impl<T> Job<T> {
                 event => self.see(&event),
             }
         }
-        if now >= self.renew && !self.is_over() {
+        if self.watches() && now >= self.renew {
             self.renew = now + RENEW;
-            let often = std::num::NonZeroU8::new(STATES)
-                .map_or(protocol::pms5005::Repeat::Continuous, protocol::pms5005::Repeat::Times);
-            session.send(&Command::Extension(Request::State(often)));
+            session.send(&Command::Extension(Request::State(Repeat::Times(STATES))));
         }
         if let Some(ask) = self.advance(now)
             && let Err(failure) = ask.begin(session, now)

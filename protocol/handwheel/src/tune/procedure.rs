@@ -8,11 +8,11 @@
 
 use std::time::Duration;
 
-use protocol::extension::{ChannelState, Row};
+use protocol::extension::{ChannelState, Mode, Row};
 
 use super::check::{Checked, REST, both_ways};
 use super::fit::{Fit, Record, fit};
-use super::gains::{Design, Loop, Step, design, every_period};
+use super::gains::{Design, Loop, Step, design, every_period, expect};
 use super::hand::Hand;
 use super::job::{Job, Refused};
 use super::model::{Motor, PERIOD};
@@ -59,6 +59,13 @@ pub struct Tuned {
     pub values: Vec<f64>,
     /// The settings that make it so, by their numbers.
     pub settings: Vec<(u16, i32)>,
+}
+
+impl Tuned {
+    /// What the loop is expected to make of another step, in this time.
+    pub fn expects(&self, step: Step, time: Duration) -> Option<Response> {
+        expect(&self.fit.motor, self.control_loop, self.design.gains, step, time)
+    }
 }
 
 /// What it will do at the most, for whoever is asked whether it may.
@@ -237,7 +244,6 @@ async fn procedure(hand: &mut Hand, before: &Before, options: &Options) -> Resul
     hand.set(&settings).await?;
     hand.says("confirms them by a step");
     let (interval, values) = confirm(hand, control_loop, step, &design).await?;
-    if std::env::var_os("DBG").is_some() { eprintln!("{fit:?} {step:?} {:?} {:?}", design.gains, design.response); for (n, v) in values.iter().enumerate().step_by(10) { eprintln!("{n} {v:.0} {:.0}", design.seen.get(n * (interval / PERIOD).round() as usize).unwrap_or(&0.0)); } }
     let response = compare(&design, control_loop, step, interval, &values)?;
     Ok(Tuned { checked, fit, control_loop, design, step, response, interval, values, settings })
 }
@@ -246,28 +252,29 @@ async fn procedure(hand: &mut Hand, before: &Before, options: &Options) -> Resul
 const WORST_FIT: f64 = 70.0;
 /// Rows that are read of one recording; they take some 4 s at 115200 baud.
 const ROWS: u32 = 2000;
-/// A ramp up to the highest duty, and down from there.
-const UP: Duration = Duration::from_millis(900);
-const DOWN: Duration = Duration::from_millis(400);
-const RAMPS: u32 = 3400;
+/// A ramp up to the highest duty, and down from there; both of them each way, and the rows for that.
+const UP: Duration = Duration::from_millis(800);
+const DOWN: Duration = Duration::from_millis(300);
+const RAMPS_MS: u32 = 2300;
+const ROWS_OF_RAMPS: u32 = 460;
 
 /// Turns a wheel: a ramp each way, then steps between two duties that are found by it.
 async fn turn(hand: &mut Hand, before: &Before, most: f64) -> Result<Vec<Record>, Refused> {
-    let recording = hand.record(RAMPS.div_ceil(ROWS / 2) as u16, (ROWS / 2) as u16).await?;
+    let recording = hand.record((RAMPS_MS / ROWS_OF_RAMPS) as u16, ROWS_OF_RAMPS as u16).await?;
     for sign in [1.0, -1.0] {
         for (duty, time) in [(sign * most, UP), (0.0, DOWN)] {
             hand.drive(duty_of(before, duty), time).await?;
             hand.watch(hand.now() + time, |_| false).await?;
         }
-        hand.rest(Duration::from_millis(300)).await?;
     }
+    hand.rest(REST).await?;
     let ramps = record(before, &hand.rows(recording.serial).await?, recording.decimation);
     let found = fit(std::slice::from_ref(&ramps)).ok_or(Refused::NoMotion)?;
     let Motor { time_constant, dead_band, .. } = found.motor;
     if dead_band.iter().any(|band| *band > most * 0.75) {
         return Err(Refused::NoMotion);
     }
-    let long = (3.0 * time_constant).clamp(0.12, 1.1);
+    let long = (2.5 * time_constant).clamp(0.12, 1.1);
     let total = (6.0 * long).max(SHORTEST);
     let cycles = (total / (6.0 * long)).floor().max(1.0) as u32;
     let milliseconds = (f64::from(cycles) * 6.2 * long * 1000.0) as u32;
@@ -284,7 +291,7 @@ async fn turn(hand: &mut Hand, before: &Before, most: f64) -> Result<Vec<Record>
     }
     hand.rest(REST).await?;
     let steps = record(before, &hand.rows(recording.serial).await?, recording.decimation);
-    Ok(vec![ramps, steps])
+    Ok(vec![steps])
 }
 
 /// Steps are recorded for so long at the least, in seconds.
@@ -329,6 +336,9 @@ fn duty_of(before: &Before, duty: f64) -> Target {
 /// What was recorded, as a fit takes it.
 fn record(before: &Before, rows: &[Row], every: u16) -> Record {
     let sign = if before.reversed { -1.0 } else { 1.0 };
+    // A motor that is off is no motor on its bridge any more.
+    let on = rows.iter().position(|row| row.mode == Mode::Off).unwrap_or(rows.len());
+    let rows = rows.get(..on).unwrap_or_default();
     let first = rows.first().map_or(0, |row| row.position);
     Record {
         every: every.into(),
@@ -379,7 +389,7 @@ async fn confirm(
     let settling = design.response.settling.unwrap_or_default();
     let time = (settling.mul_f64(1.5) + Duration::from_millis(300)).min(Duration::from_secs(6));
     let milliseconds = time.as_millis() as u32;
-    let every = milliseconds.div_ceil(ROWS / 2);
+    let every = milliseconds.div_ceil(ROWS / 4);
     let recording = hand.record(every as u16, (milliseconds / every) as u16).await?;
     let from = hand.state().await?.position;
     let target = match control_loop {
