@@ -36,7 +36,7 @@ fn cells(row: &str) -> Vec<&str> {
 pub fn table(title: &str, first_column: &str) -> Vec<Vec<&'static str>> {
     let lines = under(title);
     let is_head = |line: &&str| line.starts_with('|') && cells(line)[0] == first_column;
-    let head = lines.iter().position(|line| is_head(line));
+    let head = lines.iter().position(is_head);
     let head = head.unwrap_or_else(|| panic!("no table {first_column:?} under {title:?}"));
     let columns = cells(lines[head]).len();
     assert!(lines[head + 1].starts_with("|---"), "under {title:?}");
