@@ -13,4 +13,4 @@ mod fields;
 mod frames;
 mod python;
 mod text;
-mod units;
+mod values;
