@@ -1,4 +1,7 @@
-//! Wire formats of the controllers this project stands in for, both directions.
+#![doc = include_str!("../README.md")]
+//!
+//! # The crate
+//! Both directions of all of it, typed.
 //!
 //! ```text
 //!  bytes ──> Deframer<Framing> ──> Frame ──> Command      (what a host asks)
@@ -6,7 +9,8 @@
 //! ```
 //!
 //! The crate knows bytes and nothing else: no time, no I/O, no control. Boards decode commands
-//! and encode reports with it; hosts and tests do the opposite with the same types.
+//! and encode reports with it; hosts and tests do the opposite with the same types. The tables above
+//! stand nowhere else; the modules name the offsets and ranges that they use.
 //!
 //! - [`cm5`]: the link between a PC and a CM-5, as we reconstructed it;
 //! - [`deframe`]: the resynchronising receiver, generic over a [`deframe::Framing`];
@@ -15,13 +19,13 @@
 //! - [`arcos`]: the packets of ARCOS, and the Pioneer Arm's among them;
 //! - [`dynamixel`]: the servo bus of the CM-5 and its AX-12 servos.
 //!
-//! # Promises
+//! ## Promises
 //! - Any bytes, in chunks of any size, never panic: there is no indexing, no `unwrap`, no
 //!   arithmetic that can overflow, no lossy `as`, and the lints below hold us to it.
 //! - No heap, no `unsafe`, no global state. Every buffer has a fixed bound.
 //! - Numbers of the wire stand once, beside the figure of the manual they come from.
 //!
-//! # Features
+//! ## Features of the package
 //! - `defmt`: `defmt::Format` on the public types.
 //! - `std`: nothing here needs it; hosts may switch it on to have the crate linked with `std`.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]

@@ -1,5 +1,5 @@
-//! The extension on the wire: byte by byte against Tables E.1 and E.2 of `protocol`'s
-//! documentation, and what a board does about each request.
+//! The extension on the wire: byte by byte against Tables E.1 and E.2 of `protocol/README.md`, and what a
+//! board does about each request.
 
 use hal_mock::board::Make;
 use hal_mock::flash::{Flash, SIZE};

@@ -185,3 +185,30 @@ pub const fn stops(fault: Fault) -> Stops {
         | Fault::WatchdogReset => Stops::Nothing,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// For people who read no Rust.
+    const PAGE: &str = include_str!("../../../protocol/README.md");
+
+    #[test]
+    fn the_page_of_the_wire_tells_what_each_fault_stops() {
+        let (_, section) = PAGE.split_once("\n## Faults by number\n").expect("the heading");
+        let section = section.split("\n## ").next().unwrap();
+        let is_row = |line: &&str| line.starts_with("| ") && !line.starts_with("| number");
+        let rows: Vec<Vec<_>> =
+            section.lines().filter(is_row).map(|row| row.split(" | ").collect()).collect();
+        assert_eq!(rows.len(), Fault::ALL.len());
+        for (row, &fault) in rows.iter().zip(Fault::ALL) {
+            let stops = match stops(fault) {
+                Stops::Nothing => "nothing",
+                Stops::Channel => "its channel",
+                Stops::Motors => "all motors",
+                Stops::MotorsAndServos => "all motors and servos",
+            };
+            assert_eq!((row[0], row[3]), (&*format!("| {}", fault.number()), stops));
+        }
+    }
+}

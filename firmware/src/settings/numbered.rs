@@ -151,8 +151,39 @@ impl Settings {
 
 #[cfg(test)]
 mod tests {
-    use super::super::table::{COUNT, DOCUMENTED};
+    use super::super::table::{COUNT, DOCUMENTED, ROWS};
     use super::*;
+
+    /// For people who read no Rust.
+    const PAGE: &str = include_str!("../../../protocol/README.md");
+
+    #[test]
+    fn the_page_of_the_wire_has_the_settings_row_by_row() {
+        // "208" of "| 198 + 10 n | ...": a bank stands where its first member does.
+        let number = |row: &&str| -> u16 {
+            let first = row.trim_start_matches("| ").split(" | ").next().unwrap();
+            let terms = first.trim_end_matches(" n").split(" + ");
+            terms.map(|term| term.parse::<u16>().unwrap()).sum()
+        };
+        let mut expected = ROWS.to_vec();
+        expected.sort_by_key(number);
+        let (_, section) = PAGE.split_once("\n## Settings by number\n").expect("the heading");
+        let section = section.split("\n## ").next().unwrap();
+        let is_row = |line: &&str| line.starts_with("| ") && !line.starts_with("| number");
+        let told: Vec<_> = section.lines().filter(is_row).collect();
+        assert_eq!(told, expected, "the table should be\n{}\n", expected.join("\n"));
+    }
+
+    /// What one unit of a gain is worth stands beside the code that multiplies it, too.
+    #[test]
+    fn the_page_of_the_wire_tells_what_gains_are_worth() {
+        let rows = include_str!("../control/pid.rs").lines();
+        let rows: Vec<_> = rows.filter_map(|line| line.strip_prefix("//! |")).collect();
+        assert_eq!(rows.len(), 6, "heading, rule, Kp, Kd, Ki, the most that counts");
+        for row in rows {
+            assert!(PAGE.contains(&format!("\n|{row}\n")), "|{row}");
+        }
+    }
 
     #[test]
     fn every_default_is_the_documented_one_and_in_range() {

@@ -244,6 +244,16 @@ macro_rules! settings {
         /// The defaults as the documentation has them.
         #[cfg(test)]
         pub(super) const DOCUMENTED: &[i32] = &[$($($default,)* $($($row_default,)*)?)+];
+
+        /// The rows of the documentation's table.
+        #[cfg(test)]
+        pub(super) const ROWS: &[&str] = &[$(
+            $(concat!("| ", $number, " | ", $name, " | ", stringify!($unit), " | ", $low,
+                " to ", $high, " | ", $default, " | ", $what, " |"),)*
+            $($(concat!("| ", $first_number $(, " + ", $step, " n")?, " | ", $row_name,
+                " | ", stringify!($row_unit), " | ", $row_low, " to ", $row_high, " | ",
+                $row_default, " | ", $row_what, " |"),)*)?
+        )+];
     };
 }
 
@@ -323,7 +333,7 @@ settings! {
             "the most that the integral of a closed loop adds to its drive",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.integral_share);
         198 + 10 * [1..=6], "position Kp", Choice, 0..=65535, 50,
-            "as in DID 7, sub-command 07: see control/pid.rs for what one is worth",
+            "as in DID 7, sub-command 07",
             |s, n| Some(&mut s.control.channels.get_mut(n)?.position.kp);
         199 + 10 * [1..=6], "position Kd", Choice, 0..=65535, 5,
             "as in DID 7, sub-command 07",

@@ -278,6 +278,19 @@ mod tests {
         }
     }
 
+    /// For people who read no Rust.
+    const PAGE: &str = include_str!("../../README.md");
+
+    #[test]
+    fn the_page_of_the_wire_has_the_same_names_and_remedies() {
+        for &number in Fault::ALL {
+            let begins = format!("| {} | {} | ", number.number(), fault(number));
+            let ends = format!(" | {} |", remedy(number));
+            let is_row = |line: &str| line.starts_with(&begins) && line.ends_with(&ends);
+            assert!(PAGE.lines().any(is_row), "{begins}...{ends}");
+        }
+    }
+
     #[test]
     fn times_are_said_as_people_say_them() {
         assert_eq!(duration(12_345), "12.3 s");

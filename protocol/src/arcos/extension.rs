@@ -1,37 +1,8 @@
 //! What this implementation adds to ARCOS: settings, health, faults and upkeep of the board.
 //!
 //! It is the [extension](crate::extension) in ARCOS packets, off ARCOS's map: a
-//! host that never sends one sees an original. Requests and answers, their bytes, verdicts and
-//! units are those of Tables E.1 and E.2 there, and so is when one is busy or finds no room; only
-//! what is around them differs. A request counts in an open session only, and is a sign of life,
-//! but no arm command. It has one answer; health (98) comes at once, and then once a cycle.
-//!
-//! | command | argument: `2B`, length, and these bytes | answer: packet |
-//! |---|---|---|
-//! | 96 | DATA of DID 96: number of a setting (2 bytes) | 96, or 101 |
-//! | 97 | none: who are you? | 97 |
-//! | 98 | DATA of DID 98: health N times (1 byte), 0 is stop; none is continuously, one a cycle | 98 |
-//! | 99 | none: counters | 99 |
-//! | 100 | DATA of DID 100: place of a latched fault (1 byte) | 100, or 101 |
-//! | 101 | DATA of DID 7 from sub-command 0x80 on: set settings (`[0x80 + number + value]+`, 34 of them at most), clear faults (`0x81`), save, reset, reboot, set an encoder's count (`0x86`) | 101 |
-//! | 103 | none: what was refused, by reason | 103 |
-//!
-//! The machine state (102) and the recorder (104, 105) are not carried: an arm drives no DC channel, and
-//! ARMpac tells its joints.
-//!
-//! "None" is no argument, or a text of no bytes; an argument of another type is refused as one of a
-//! bad length. An answer's data are the DATA of the answer of that DID, and in an outcome (101) the
-//! first byte is the DID: 7 for what command 101 has asked.
-//!
-//! | packet | bytes |
-//! |---|---|
-//! | read setting 32 | `FA FB 07 60 2B 02 20 00 62 4B` |
-//! | save | `FA FB 06 65 2B 01 82 66 AD` |
-//! | saved | `FA FB 08 65 07 82 00 00 00 E7 07` |
-//!
-//! Of the counters (99) those of the PMS5005's pings, acknowledgements, pictures and other devices
-//! stay 0; "unknown" are commands that are not the arm's, "refused" those that were refused or
-//! ignored.
+//! host that never sends one sees an original. What is around requests and answers stands on the
+//! [page of the wire](crate#the-extension-in-arcos).
 
 use super::packet::{Argument, OVERHEAD, Packet, encode_command};
 use crate::data::{Data, EncodeError};

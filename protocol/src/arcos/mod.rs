@@ -7,21 +7,8 @@
 //!   tells;
 //! - [`extension`] is what the original never had: settings, health, faults.
 //!
-//! # Where the documents are silent or contradict each other, and what we do
-//! | question | what this implementation does |
-//! |---|---|
-//! | ARMINFOpac's count, n+53 in Table 3 | n+39: six joints of six bytes end there, and hosts parse in order. |
-//! | ARMpac's status bytes | The manual and one host family have power and connection first, ARIA has motion first: a [`Dialect`]. |
-//! | ARIA's "good" | The arm is connected and no fault keeps its servos off. |
-//! | motion bit of joint 1 | Bit 1; in the manual's dialect bit 0 can be chosen ([`MotionBits`]). |
-//! | a type byte with no value behind it | No argument. |
-//! | an unknown type, a value cut short, bytes behind it | Refused where the command takes an argument. |
-//! | an argument that a command does not take | Not looked at. |
-//! | a negative integer or a text for an arm command that takes a number | Refused. |
-//! | HOME with a number above 6 | All joints (7 and 255 are in use); 0 is refused. |
-//! | STOP with 7 to 254 | Refused: only 255 is all joints. |
-//! | what 2 s without a packet end | The motion of the joints, which hold. The session and the standard packets go on: a host may send nothing for minutes and wait for the next one. |
-//! | a 0 after these 2 s, PULSE or SYNC0 | Echoed, and the session goes on; only a SYNC1 behind it begins a new one. |
+//! Bytes, commands and examples stand on the [page of the wire](crate#arcos-and-the-pioneer-arm), and so
+//! does [what its documents prove and what we chose](crate#what-its-documents-prove-and-what-we-chose).
 
 mod arm;
 pub mod extension;

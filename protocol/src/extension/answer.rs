@@ -1,4 +1,4 @@
-//! What the board tells through the extension (Table E.2), both directions.
+//! What the board tells through the [extension](crate#the-extension), both directions.
 
 use super::did;
 use super::fault::FaultRecord;
@@ -281,7 +281,7 @@ record! {
     }
 }
 
-/// A frame of the extension from the board (Table E.2).
+/// A frame of the extension from the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Answer<'a> {

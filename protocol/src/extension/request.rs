@@ -1,4 +1,4 @@
-//! What a host asks of the extension (Table E.1), both directions.
+//! What a host asks of the extension ([Requests](crate#requests)), both directions.
 
 use super::answer::Verdict;
 use super::did;
@@ -11,7 +11,7 @@ pub(super) const SET: u8 = 0x80;
 /// The sub-command that sets the count of an encoder.
 pub(super) const SET_COUNT: u8 = 0x86;
 
-/// A host's request (Table E.1).
+/// A host's [request](crate#requests).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Request<'a> {

@@ -7,28 +7,8 @@
 //! - [`encode_answer`] puts an answer of the [`extension`](crate::extension) into a frame; its requests
 //!   are [`Command::Extension`].
 //!
-//! # Where the manual is silent, and what we do
-//! The manual leaves questions open and contradicts itself in places; host programs in the field
-//! have answered some of them. Whoever writes a host should know:
-//!
-//! | question | what this implementation does |
-//! |---|---|
-//! | byte stuffing | There is none. LEN rules reception; `5E 02` and `5E 0D` may stand in DATA. After a damaged frame the next good one is found, even inside the damaged one's bytes. |
-//! | what is acknowledged | Every intact frame with RID 1 whose RES is not 255. The acknowledgement looks like a host's ping (255, data 1), and some hosts answer it with another: those are answered at most once in 200 ms. 255 with data 0 is answered at once. |
-//! | other RIDs | Ignored silently: the line may be shared. |
-//! | unknown DIDs | Acknowledged and ignored (hosts in the field send 31 and 80). 96 to 111 are the [`extension`](crate::extension)'s. |
-//! | bad values, lengths that fit no form | Acknowledged, as the frame arrived intact; nothing of it is carried out, not even the good part of a list. |
-//! | a channel twice in one list | A bad value: nobody can tell which one was meant. |
-//! | Flag before the time of a list | 28 as documented, 6 as some hosts have it, or none at all. |
-//! | time | In control periods of 1 ms. 0 or absent: at once. |
-//! | "leave this channel alone" | The word 0x8000 in DIDs 4, 6, 27 and 29. |
-//! | velocities | Signed, although the manual says 0 to 32767: -400 is `70 FE`. |
-//! | PWM | Duty = (v - 16384) / 16384. 16383 is used as neutral too: both mean stop. |
-//! | servo positions | 1 count is 1/2250 ms. "Roughly 1000 to 6000" is accepted from 500 to 7000; anything else is a bad value, since no servo survives it. |
-//! | Ki | "Integer part M, fraction part N" is read as M + N/100. Hosts exist that mean N/256, or a 16-bit number of hundredths: the firmware has a setting, see [`Gain::Integral`]. |
-//! | false end marks | Hosts that search for `5E 0D` lose frames that hold it. Measured values which would put it there are sent one away, encoder counts and sonar centimetres too (a count of 3422 is told as 3421); flags are never altered. |
-//! | silence | The board sends telemetry or a ping (255, data 0) at least once a second. |
-//! | sub-command 07/08 | `07 ch 01 lo hi 02 lo hi 03 M N` and any part of it; several sub-commands may follow each other in one frame. |
+//! Bytes, units and examples stand on the [page of the wire](crate), and so does
+//! [what the manual proves and what we chose](crate#what-the-manual-proves-and-what-we-chose).
 
 mod command;
 mod frame;
