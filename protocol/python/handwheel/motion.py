@@ -138,7 +138,7 @@ class Motor:
 
     def _must_be_off(self) -> None:
         end = monotonic() + GRACE
-        while self._session.state().channels[self.number - 1].mode != "off":
+        while self._session.state(age=0).channels[self.number - 1].mode != "off":
             if monotonic() >= end:
                 raise Refused(
                     f"motor {self.number} is driven already: `board.stop()` first, or end the other host"

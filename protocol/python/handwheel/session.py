@@ -52,7 +52,9 @@ _PAUSE = 0.1
 #: The machine state is asked for 255 times, and again after so long: the stream ends by itself.
 _RENEW = 1.0
 #: A machine state, and telemetry, that is older is waited for.
-_FRESH_STATE = 0.1
+_FRESH = 0.1
+#: A command takes 1.3 ms until it drives, and is acknowledged before: the first machine state behind may be older.
+_BEHIND = 2
 _FRESH_REPORT = 1.0
 _TELEMETRY = 3.0
 
@@ -79,9 +81,10 @@ class Session:
         self.received = 0
         self._heard = float("-inf")
         self._came = time.monotonic()
-        #: When the last command or order was answered: a machine state must be newer.
-        self._commanded = float("-inf")
-        self._life_due = 0.0
+        #: Machine states so far, and which of them is the first that knows of the last command.
+        self._states = 0
+        self._first_state = 0
+        self._lived = float("-inf")
         self._renew_due = 0.0
         self._is_closing = False
         self._thread = threading.Thread(target=self._run, name=f"handwheel {name}", daemon=True)
@@ -116,9 +119,9 @@ class Session:
         Raises `NoAnswer`, `Gone`.
         """
         self._exchange(
-            Frame(did, data, res=0), lambda frame: True if frame[:2] == _ACK else None, what, _TRIES, _PATIENCE
+            Frame(did, data, res=0), lambda frame: True if frame[:2] == _ACK else None, what, _TRIES, None
         )
-        self._commanded = time.monotonic()
+        self._first_state = self._states + _BEHIND
 
     def ask(
         self,
@@ -127,7 +130,7 @@ class Session:
         answer: Callable[[Frame], T | None],
         what: str,
         tries: int = _TRIES,
-        patience: float = _PATIENCE,
+        patience: float | None = None,
     ) -> T:
         """Sends a request and returns its answer: the first that `answer` reads from a frame.
 
@@ -138,24 +141,27 @@ class Session:
             raise NoAnswer(f"the board has nothing to tell when asked for {what}: bring its firmware up to date")
         return found[0]
 
-    def order(self, data: bytes, what: str, tries: int = _TRIES, patience: float = _PATIENCE) -> None:
+    def order(self, data: bytes, what: str, tries: int = _TRIES, patience: float | None = None) -> None:
         """Sends a request of DID 7, and waits until it is done.
 
         Raises `Refused`, `NoAnswer`, `Gone`.
         """
         self._exchange(Frame(extension.PARAMETERS, data), lambda _: None, what, tries, patience)
-        self._commanded = time.monotonic()
+        self._first_state = self._states + _BEHIND
 
-    def state(self) -> MachineState:
-        """The machine state: newer than the last command, and no older than 0.1 s.
+    def state(self, age: float = _FRESH) -> MachineState:
+        """The machine state: it knows of the last command, and is no older than so many s.
 
         Raises `NoAnswer`, `Gone`.
         """
         asked = time.monotonic()
-        oldest = max(self._commanded, asked - _FRESH_STATE)
+
+        def look() -> MachineState | None:
+            return self._newer(MachineState, asked - age) if self._states >= self._first_state else None
+
         while time.monotonic() < asked + _TRIES * _PATIENCE:
             self._ask_for_states(time.monotonic())
-            state = self._await(lambda: self._newer(MachineState, oldest), _FRESH_STATE)
+            state = self._await(look, _FRESH)
             if state is not None:
                 return state
             self._renew_due = 0.0  # another host may have ended the stream
@@ -178,7 +184,7 @@ class Session:
         return value if isinstance(value, kind) and at >= oldest else None
 
     def _exchange(
-        self, request: Frame, answer: Callable[[Frame], T | None], what: str, tries: int, patience: float
+        self, request: Frame, answer: Callable[[Frame], T | None], what: str, tries: int, patience: float | None
     ) -> list[T]:
         """Returns what was answered, or nothing if the board just says that it is done."""
         answers: list[T] = []
@@ -199,7 +205,7 @@ class Session:
                 for _ in range(tries):
                     outcomes.clear()
                     self._write(request)
-                    self._await(lambda: True if answers or outcomes else None, patience)
+                    self._await(lambda: True if answers or outcomes else None, patience or _PATIENCE)
                     if answers or outcomes and outcomes[0].verdict == extension.DONE:
                         return answers
                     if outcomes and outcomes[0].verdict == extension.BUSY:
@@ -281,6 +287,7 @@ class Session:
                 self.say(PWM, neutral(motor))
         with self._news:
             self._heard = now
+            self._states += isinstance(told, MachineState)
             if told is not None:
                 self._newest[type(told)] = (now, told)
             if self._listener is not None:
@@ -288,8 +295,9 @@ class Session:
             self._news.notify_all()
 
     def _keep_alive(self, now: float) -> None:
-        if self._watch.is_driving and now >= self._life_due and now < self._heard + _SILENCE:
-            self._life_due = now + self.sign_of_life
+        is_due = now >= self._lived + self.sign_of_life
+        if is_due and self._watch.is_driving and now < self._heard + _SILENCE:
+            self._lived = now
             self.say(SETUP, _PING)
             self._ask_for_states(now)
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import re
 import socket
 import subprocess
 import time
 from pathlib import Path
-from typing import Any, Callable, Iterator
+from typing import Any, Callable, Iterable, Iterator
 
 import pytest
 
 from handwheel.frame import Frame
+from handwheel.receiver import Receiver
 
 _DEFAULT = Path(__file__).parent / "../../../target/release/virtual-board"
 PROGRAM = os.environ.get("HANDWHEEL_VIRTUAL_BOARD", str(_DEFAULT))
@@ -87,6 +89,39 @@ class OtherHost:
 @pytest.fixture
 def other_host(virtual: VirtualBoard) -> OtherHost:
     return OtherHost(virtual)
+
+
+class Line:
+    """A link at whose other end is a function: what it answers to a frame comes at once."""
+
+    def __init__(self, answer: Callable[[Frame], Iterable[Frame]]) -> None:
+        self.written: list[Frame] = []
+        self._answer = answer
+        self._receiver = Receiver()
+        self._coming: queue.Queue[Frame] = queue.Queue()
+
+    def read(self) -> bytes:
+        try:
+            return self._coming.get(timeout=0.01).encode()
+        except queue.Empty:
+            return b""
+
+    def write(self, frame: bytes) -> None:
+        for written in self._receiver.receive(frame):
+            self.written.append(written)
+            self.tell(*self._answer(written))
+
+    def tell(self, *frames: Frame) -> None:
+        for frame in frames:
+            self._coming.put(frame)
+
+    def close(self) -> None:
+        pass
+
+
+def told(did: int, data: bytes) -> Frame:
+    """A frame of the board's."""
+    return Frame(did, data, rid=0)
 
 
 def becomes(true: Callable[[], bool], within: float) -> float:

@@ -6,13 +6,10 @@ import struct
 
 import pytest
 
+from conftest import told
 from handwheel import OutOfRange, extension, reports, words
 from handwheel.board import _parts
 from handwheel.frame import Frame
-
-
-def told(did: int, data: bytes) -> Frame:
-    return Frame(did, data, rid=0)
 
 
 def test_sensors_come_in_peoples_units() -> None:

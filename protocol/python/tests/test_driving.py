@@ -17,6 +17,7 @@ MOTOR_1_RUNS = (0, 0xA0, 0x0F)
 MOTOR_2_RUNS = (1, 0xA0, 0x0F)
 VELOCITY, PARAMETERS, RUN = 26, 7, 30
 TIMEOUT_400_MS = (0x80, 1, 0, 0x90, 1, 0, 0)
+TIMEOUT_700_MS = (0x80, 1, 0, 0xBC, 2, 0, 0)
 
 
 @pytest.mark.parametrize("way", ["tcp", "udp", "serial"])
@@ -68,7 +69,7 @@ def test_a_program_that_is_killed_leaves_the_motor_to_the_boards_timeout(virtual
     )
     host = subprocess.Popen([sys.executable, "-c", program, virtual.tcp], stdout=subprocess.PIPE, text=True)
     assert host.stdout is not None and host.stdout.readline() == "drives\n"
-    time.sleep(2.5)
+    time.sleep(2.3)
     assert virtual.is_on(1), "it is kept running for longer than the board's timeout"
     host.send_signal(signal.SIGKILL)
     host.wait()
@@ -77,7 +78,7 @@ def test_a_program_that_is_killed_leaves_the_motor_to_the_boards_timeout(virtual
 
 def test_who_only_reads_keeps_nothing_running(virtual: VirtualBoard, other_host: OtherHost) -> None:
     with Board(virtual.tcp) as board:
-        other_host.send(PARAMETERS, *TIMEOUT_400_MS)
+        other_host.send(PARAMETERS, *TIMEOUT_700_MS)
         other_host.send(VELOCITY, *MOTOR_1_RUNS)
         becomes(lambda: virtual.is_on(1), within=2)
         end = time.monotonic() + 3
@@ -85,17 +86,23 @@ def test_who_only_reads_keeps_nothing_running(virtual: VirtualBoard, other_host:
             assert time.monotonic() < end, "it is kept running"
             board.check()
             assert (board.motor[1].mode, board.sonar_cm[0], board.inputs[0]) is not None
-            assert board.settings["link timeout"] == 400
+            assert board.settings["link timeout"] == 700
             assert len(board.faults) <= 1
         assert board.motor[1].reason == "the host fell silent"
         assert [fault.name for fault in board.faults] == ["link loss"]
 
 
-def test_signs_of_life_follow_the_boards_timeout_and_end_with_the_drive(virtual: VirtualBoard) -> None:
+@pytest.mark.parametrize("is_set_before", [True, False])
+def test_signs_of_life_follow_the_boards_timeout_and_end_with_the_drive(
+    virtual: VirtualBoard, other_host: OtherHost, is_set_before: bool
+) -> None:
     with Board(virtual.tcp) as board:
-        board.settings["link timeout"] = 400
+        if is_set_before:
+            other_host.send(PARAMETERS, *TIMEOUT_400_MS)
         board.motor[1].run(velocity=4000)
-        time.sleep(1.2)
+        if not is_set_before:
+            board.settings["link timeout"] = 400
+        time.sleep(1)
         assert board.motor[1].velocity == pytest.approx(4000, rel=0.1)
         assert board.faults == []
         board.motor[1].stop()
@@ -115,6 +122,8 @@ def test_stop_stops_everything(virtual: VirtualBoard, other_host: OtherHost) -> 
 
 def test_another_hosts_motor_is_not_taken_over(virtual: VirtualBoard, other_host: OtherHost) -> None:
     with Board(virtual.tcp) as board:
+        board.motor[1].run(duty=0.2)
+        board.motor[1].stop()
         other_host.send(VELOCITY, *MOTOR_1_RUNS)
         becomes(lambda: virtual.is_on(1), within=2)
         with pytest.raises(Refused, match="motor 1 is driven already"):
@@ -142,6 +151,7 @@ def test_another_host_that_takes_the_motor_or_starts_one_ends_the_drive(
         other_host.send(VELOCITY, motor - 1, 0xA0, 0x0F)
         with pytest.raises(BoardFault, match=f"another host drives motor {motor}"):
             board.wait(3)
+        becomes(lambda: virtual.truth["motors"][0]["duty"] == 0, within=1)
     assert not virtual.is_on(1)
     assert virtual.is_on(2) == (motor == 2), "what is not this program's goes on"
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import struct
-import threading
-from collections import deque
+from typing import Iterator
 
 import pytest
 
-from conftest import VirtualBoard
+from conftest import Line, VirtualBoard, told
 from handwheel import Board, OutOfRange, Refused
 from handwheel.frame import Frame
-from handwheel.receiver import Receiver
 from handwheel.recorder import Recorder
 from handwheel.session import Session
 from handwheel.watch import Watch
@@ -21,58 +19,38 @@ STATE = struct.pack("<BBBBHHHHIH", 7, 3, 0b101, 1, 2, 9, 9, 3, 123_456, 400)
 ROWS = [struct.pack("<iihhHB", number, -number, 4000, 8192, 728, 3) for number in range(18)]
 
 
-class Line:
-    """A link at whose other end is a recorder. It loses the second block, once."""
+class Recordings:
+    """A board with a recorder, which loses the second block, once."""
 
     def __init__(self) -> None:
-        self.asked: list[Frame] = []
-        self._receiver = Receiver()
-        self._answers: deque[bytes] = deque()
         self._has_lost = False
-        self._came = threading.Event()
 
-    def read(self) -> bytes:
-        self._came.wait(0.01)
-        self._came.clear()
-        return b"".join(self._answers.popleft() for _ in range(len(self._answers)))
-
-    def write(self, frame: bytes) -> None:
-        for asked in self._receiver.receive(frame):
-            self.asked.append(asked)
-            if asked.did == 104:
-                self._answer(104, STATE)
-            elif asked.did == 105:
-                self._tell(*struct.unpack("<HH", asked.data))
-
-    def close(self) -> None:
-        pass
-
-    def _tell(self, first: int, count: int) -> None:
-        for number in range(first, first + count):
-            if number == 1 and not self._has_lost:
-                self._has_lost = True
-            else:
-                self._answer(105, struct.pack("<BH", 7, number) + b"".join(ROWS[8 * number : 8 * number + 8]))
-
-    def _answer(self, did: int, data: bytes) -> None:
-        self._answers.append(Frame(did, data, rid=0).encode())
-        self._came.set()
+    def answer(self, asked: Frame) -> Iterator[Frame]:
+        if asked.did == 104:
+            yield told(104, STATE)
+        elif asked.did == 105:
+            first, count = struct.unpack("<HH", asked.data)
+            for number in range(first, first + count):
+                if number == 1 and not self._has_lost:
+                    self._has_lost = True
+                else:
+                    yield told(105, struct.pack("<BH", 7, number) + b"".join(ROWS[8 * number : 8 * number + 8]))
 
 
 def test_a_recording_is_asked_for_and_read_and_what_is_lost_asked_for_again() -> None:
-    line = Line()
+    line = Line(Recordings().answer)
     session = Session("line", line, Watch())
     recorder = Recorder(session, 3)
-    told = recorder.start([1, 3], samples=9, trigger="motion", every_ms=2, before=3)
+    started = recorder.start([1, 3], samples=9, trigger="motion", every_ms=2, before=3)
     rows = recorder.read()
     session.close()
 
-    assert line.asked[0].data == struct.pack("<BBHHH", 0b101, 1, 2, 9, 3)
-    assert (told.serial, told.phase, told.motors, told.trigger) == (7, "done", (1, 3), "motion")
-    assert (told.every_ms, told.samples, told.taken, told.before) == (2, 9, 9, 3)
-    assert (told.trigger_ms, told.capacity) == (123_456, 400)
-    assert [frame.data for frame in line.asked if frame.did == 105] == [struct.pack("<HH", 0, 3)] * 2
-    assert {frame.did for frame in line.asked} == {104, 105}, "nothing that keeps anything running"
+    assert line.written[0].data == struct.pack("<BBHHH", 0b101, 1, 2, 9, 3)
+    assert (started.serial, started.phase, started.motors, started.trigger) == (7, "done", (1, 3), "motion")
+    assert (started.every_ms, started.samples, started.taken, started.before) == (2, 9, 9, 3)
+    assert (started.trigger_ms, started.capacity) == (123_456, 400)
+    assert [frame.data for frame in line.written if frame.did == 105] == [struct.pack("<HH", 0, 3)] * 2
+    assert {frame.did for frame in line.written} == {104, 105}, "nothing that keeps anything running"
     assert [row.position for row in rows] == list(range(18))
     assert [(row.time_ms, row.motor) for row in rows[:3]] == [(-6, 1), (-6, 3), (-4, 1)]
     assert rows[6].time_ms == 0
@@ -80,7 +58,7 @@ def test_a_recording_is_asked_for_and_read_and_what_is_lost_asked_for_again() ->
 
 
 def test_what_cannot_be_recorded_is_refused_before_anything_is_sent() -> None:
-    line = Line()
+    line = Line(Recordings().answer)
     session = Session("line", line, Watch())
     recorder = Recorder(session, 3)
     with pytest.raises(OutOfRange, match="samples before the trigger: 9 is out of range, 0 to 8"):
@@ -94,7 +72,7 @@ def test_what_cannot_be_recorded_is_refused_before_anything_is_sent() -> None:
     with pytest.raises(Refused, match="bring its firmware up to date"):
         Recorder(session, 2).read()
     session.close()
-    assert line.asked == []
+    assert line.written == []
 
 
 def test_a_step_is_recorded(virtual: VirtualBoard) -> None:
