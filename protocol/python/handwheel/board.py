@@ -232,7 +232,7 @@ class Board:
 
     # What is shown.
 
-    def outputs(self, levels: int) -> None:
+    def set_outputs(self, levels: int) -> None:
         """Sets the eight outputs; bit 0 is output 0."""
         self._watch.check()
         level = int(in_range("outputs", levels, 0, 255))

@@ -30,6 +30,11 @@ class NoAnswer(Error):
 class Refused(Error):
     """The board refuses a request."""
 
+    def __init__(self, line: str, setting: int = 0) -> None:
+        super().__init__(line)
+        #: The number of the setting that it is about, or 0.
+        self.setting = setting
+
 
 class OutOfRange(Error, ValueError):
     """A value, or a motor's or servo's number, is out of its range."""

@@ -73,7 +73,8 @@ class Motor:
             self._session.sign_of_life = wire.sign_of_life(link_timeout(self._session))
         self._watch.begin(self.number, mode, did)
         try:
-            self._session.command(did, data, "a motion command")
+            # A stop from another thread ends it.
+            self._session.command(did, data, "a motion command", lambda: self._watch.drives(self.number))
         except BaseException:
             self._watch.stopping([self.number])  # it may run: it is stopped at the end, and not kept alive
             raise

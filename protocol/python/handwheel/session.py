@@ -72,18 +72,23 @@ class Session:
         self._watch = watch
         self._writing = threading.RLock()
         self._exchanging = threading.RLock()
-        #: Guards what follows, and tells when it has changed.
+        #: Guards what the background thread has heard, and tells when it has heard more.
         self._news = threading.Condition()
+        #: The newest of each kind, and when it came.
         self._newest: dict[type, tuple[float, object]] = {}
+        #: The exchange under way.
         self._listener: Callable[[Frame], None] | None = None
+        #: Why the link has ended.
         self._failure: str | None = None
-        #: Frames of a board, and bytes, and when the last ones came.
+        #: Bytes that have come so far.
         self.received = 0
+        #: When a frame of a board came last, and when any bytes did.
         self._heard = float("-inf")
         self._came = time.monotonic()
         #: Machine states so far, and which of them is the first that knows of the last command.
         self._states = 0
         self._first_state = 0
+        #: When the last sign of life was sent, and when states are to be asked for again.
         self._lived = float("-inf")
         self._renew_due = 0.0
         self._is_closing = False
@@ -113,14 +118,16 @@ class Session:
         """
         self._write(Frame(did, data))
 
-    def command(self, did: int, data: bytes, what: str) -> None:
-        """Sends a command and waits until it is acknowledged.
+    def command(self, did: int, data: bytes, what: str, go_on: Callable[[], bool] = lambda: True) -> None:
+        """Sends a command and waits until it is acknowledged; it is sent again as long as `go_on` says.
 
         Raises `NoAnswer`, `Gone`.
         """
-        self._exchange(
-            Frame(did, data, res=0), lambda frame: True if frame[:2] == _ACK else None, what, _TRIES, None
-        )
+
+        def acknowledged(frame: Frame) -> bool | None:
+            return frame[:2] == _ACK or None
+
+        self._exchange(Frame(did, data, res=0), acknowledged, what, go_on=go_on)
         self._first_state = self._states + _BEHIND
 
     def ask(
@@ -184,7 +191,13 @@ class Session:
         return value if isinstance(value, kind) and at >= oldest else None
 
     def _exchange(
-        self, request: Frame, answer: Callable[[Frame], T | None], what: str, tries: int, patience: float | None
+        self,
+        request: Frame,
+        answer: Callable[[Frame], T | None],
+        what: str,
+        tries: int = _TRIES,
+        patience: float | None = None,
+        go_on: Callable[[], bool] = lambda: True,
     ) -> list[T]:
         """Returns what was answered, or nothing if the board just says that it is done."""
         answers: list[T] = []
@@ -203,6 +216,8 @@ class Session:
             before, self._listener = self._listener, listen
             try:
                 for _ in range(tries):
+                    if not go_on():
+                        break
                     outcomes.clear()
                     self._write(request)
                     self._await(lambda: True if answers or outcomes else None, patience or _PATIENCE)
@@ -211,8 +226,8 @@ class Session:
                     if outcomes and outcomes[0].verdict == extension.BUSY:
                         time.sleep(_BUSY)
                     elif outcomes:
-                        about = f" (setting {outcomes[0].setting})" if outcomes[0].setting else ""
-                        raise Refused(f"the board refuses: {words.verdict(outcomes[0].verdict)}{about}")
+                        why = words.verdict(outcomes[0].verdict)
+                        raise Refused(f"the board refuses: {why}", outcomes[0].setting)
             finally:
                 self._listener = before
         raise self._unanswered(what, asked)

@@ -6,7 +6,7 @@ import difflib
 from typing import Iterator, Mapping
 
 from . import extension
-from .errors import UnknownSetting, in_range
+from .errors import Refused, UnknownSetting, in_range
 from .extension import Setting
 from .frame import Frame
 from .session import Session, sign_of_life
@@ -58,7 +58,11 @@ class Settings(Mapping[str, int]):
             setting = self._find(name)
             in_range(setting.name, value, setting.low, setting.high)
             data += extension.assignment(setting.number, value)
-        self._session.order(data, "setting settings")
+        try:
+            self._session.order(data, "setting settings")
+        except Refused as refused:
+            names = [name for name in values if self._known[name].number == refused.setting]
+            raise Refused(f"{names[0]}: {refused}" if names else str(refused), refused.setting) from None
         if LINK_TIMEOUT in values:
             self._session.sign_of_life = sign_of_life(values[LINK_TIMEOUT])
 

@@ -90,9 +90,8 @@ class Watch:
             on = {motor for motor, channel in enumerate(state.channels, 1) if channel.mode != "off"}
             new = on - self._on - self._drives.keys()
             self._on = on
-            running = {motor: drive for motor, drive in self._drives.items() if not drive.is_stopping}
             lost = []
-            for motor, drive in running.items():
+            for motor, drive in list(self._drives.items()):
                 channel = state.channels[motor - 1]
                 line = _trouble(motor, drive, channel, new) if now >= drive.since + GRACE else None
                 if line is None:
@@ -114,7 +113,10 @@ class Watch:
 
 
 def _trouble(motor: int, drive: _Drive, channel: Channel, new: set[int]) -> str | None:
-    """Why this motor does not run as it was asked; None if it does."""
+    """Why this motor does not run as it was asked; None if it does. One that is being stopped may still have had a
+    fault."""
+    if drive.is_stopping and (channel.mode != "off" or channel.reason != words.FAULT):
+        return None
     is_refused = channel.reason in words.REFUSED and channel.detail == drive.command
     if channel.mode == "off" or is_refused:
         why = words.reason(channel) or "another host has stopped it: end that host"

@@ -57,7 +57,8 @@ _FAULTS: dict[int, tuple[str, str, tuple[str, ...]]] = {
     26: ("watchdog reset", "the program had hung and was restarted: report it", ()),
 }
 
-_FAULT = 1
+#: The reason that a fault is latched; the detail is its number.
+FAULT = 1
 _REASONS = {
     2: "the host fell silent",
     3: "suspended",
@@ -117,7 +118,7 @@ def reason(channel: Channel) -> str | None:
     """Why a motor does not do what was asked; None if it does."""
     if channel.reason == 0:
         return None
-    if channel.reason == _FAULT:
+    if channel.reason == FAULT:
         name, remedy, _ = _explained(channel.detail)
         return f"fault {channel.detail}, {name}: {remedy}; then `board.clear_faults()`"
     return _REASONS.get(channel.reason, f"reason {channel.reason}").format(channel.detail)

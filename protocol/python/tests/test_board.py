@@ -78,7 +78,7 @@ def test_settings_by_name(virtual: VirtualBoard) -> None:
 
 def test_settings_that_depend_on_each_other_go_together(virtual: VirtualBoard) -> None:
     with Board(virtual.tcp) as board:
-        with pytest.raises(Refused, match="contradicts another setting's; set both with"):
+        with pytest.raises(Refused, match="sonar clear: the board refuses: the value contradicts another setting's; set both with"):
             board.settings["sonar clear"] = 20
         board.settings.update({"sonar stop": 10, "sonar clear": 20})
         assert (board.settings["sonar stop"], board.settings["sonar clear"]) == (10, 20)
@@ -113,7 +113,7 @@ def test_outputs_and_the_lcd_show_what_they_are_given(virtual: VirtualBoard) -> 
     image = [[0] * 128 for _ in range(64)]
     image[0][0] = image[9][65] = image[63][127] = 1
     with Board(virtual.tcp) as board:
-        board.outputs(0b1010_0001)
+        board.set_outputs(0b1010_0001)
         board.lcd(image)
         becomes(lambda: virtual.truth["gpio_out"] == 0b1010_0001, within=1)
         becomes(lambda: bool(int(virtual.truth["lcd"], 16)), within=1)

@@ -65,15 +65,15 @@ def test_an_exception_in_the_block_stops_the_motor(virtual: VirtualBoard) -> Non
 def test_a_program_that_is_killed_leaves_the_motor_to_the_boards_timeout(virtual: VirtualBoard) -> None:
     program = (
         "import sys, time; from handwheel import Board; board = Board(sys.argv[1]);"
-        "board.motor[1].run(velocity=4000); print('drives', flush=True); time.sleep(60)"
+        "board.settings['link timeout'] = 1000; board.motor[1].run(velocity=4000); print('drives', flush=True); time.sleep(60)"
     )
     host = subprocess.Popen([sys.executable, "-c", program, virtual.tcp], stdout=subprocess.PIPE, text=True)
     assert host.stdout is not None and host.stdout.readline() == "drives\n"
-    time.sleep(2.3)
+    time.sleep(1.3)
     assert virtual.is_on(1), "it is kept running for longer than the board's timeout"
     host.send_signal(signal.SIGKILL)
     host.wait()
-    assert 1 < becomes(lambda: not virtual.is_on(1), within=3)
+    assert 0.3 < becomes(lambda: not virtual.is_on(1), within=2)
 
 
 def test_who_only_reads_keeps_nothing_running(virtual: VirtualBoard, other_host: OtherHost) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 import time
 from typing import Callable, Iterable, Iterator
 
@@ -54,6 +55,16 @@ def test_a_command_is_sent_again_until_it_is_acknowledged(begin: Callable[[Line]
     assert line.written == [Frame(22, b"\xa5", res=0)] * 3
 
 
+def test_a_motion_command_is_not_sent_again_behind_a_stop(begin: Callable[[Line], Session]) -> None:
+    line, watch = Line(lambda frame: [PING]), Watch()
+    one = begin(line)
+    watch.begin(1, "velocity", 26)
+    threading.Timer(0.05, watch.stopping, [[1]]).start()
+    with pytest.raises(NoAnswer):
+        one.command(session.VELOCITY, b"\x00\x64\x00", "a motion command", lambda: watch.drives(1))
+    assert len(line.written) == 1
+
+
 def test_what_has_no_answer_is_sent_four_times(begin: Callable[[Line], Session]) -> None:
     silent, speaking = Line(lambda frame: []), Line(lambda frame: [PING])
     with pytest.raises(Gone, match="line: the link is gone .the board says nothing any more.; see that"):
@@ -68,8 +79,9 @@ def test_a_busy_board_is_asked_again_and_a_refusal_tells_why(begin: Callable[[Li
     one = begin(line)
     one.order(SAVE, "a save")
     assert len(line.written) == 2
-    with pytest.raises(Refused, match=r"the board refuses: the value is out of the setting's range \(setting 33\)"):
+    with pytest.raises(Refused, match="the board refuses: the value is out of the setting's range") as refused:
         one.order(SAVE, "a save")
+    assert refused.value.setting == 33
 
 
 def test_what_another_host_is_told_is_no_answer(begin: Callable[[Line], Session]) -> None:
