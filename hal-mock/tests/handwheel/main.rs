@@ -48,8 +48,13 @@ fn handwheel(link: &str, words: &str) -> Said {
 fn interruptible(link: &str, words: &str, interrupt: Interrupt) -> Said {
     let (mut out, mut err) = (Vec::new(), Vec::new());
     let words = ["handwheel", "--link", link].into_iter().chain(words.split(' '));
-    let mut surroundings =
-        Surroundings { out: &mut out, err: &mut err, is_terminal: false, interrupt };
+    let mut surroundings = Surroundings {
+        out: &mut out,
+        err: &mut err,
+        is_terminal: false,
+        keyboard: None,
+        interrupt,
+    };
     let status = run(words, &mut surroundings);
     let text = |bytes| String::from_utf8(bytes).unwrap();
     Said { status, out: text(out), err: text(err) }

@@ -26,8 +26,11 @@ fn main() -> ExitCode {
     }
     let (mut out, mut err) = (std::io::stdout(), std::io::stderr());
     let is_terminal = out.is_terminal();
+    let mut keyboard = std::io::stdin().lock();
+    let is_asked = is_terminal && keyboard.is_terminal();
+    let keyboard = is_asked.then_some(&mut keyboard as &mut dyn std::io::BufRead);
     ExitCode::from(run(
         std::env::args_os(),
-        &mut Surroundings { out: &mut out, err: &mut err, is_terminal, interrupt },
+        &mut Surroundings { out: &mut out, err: &mut err, is_terminal, keyboard, interrupt },
     ))
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 #[cfg(feature = "cli")]
 use plotters::prelude::*;
-use protocol::extension::MachineState;
+use protocol::extension::{MachineState, Mode, Row};
 
 use crate::client::Target;
 use crate::error::Error;
@@ -81,7 +81,7 @@ fn way(samples: &[Sample], target: i16) -> (f64, f64) {
     (start, unwrapped(target.into(), end as i32).into())
 }
 
-/// A step that is being driven, as machine states tell of it.
+/// A step that is being driven, as machine states tell of it, or a recording.
 pub(crate) struct Course {
     motor: Number,
     target: Target,
@@ -111,6 +111,21 @@ impl Course {
         self.why = words::reason(channel);
         let duty = words::percent(channel.duty) / 100.0;
         self.samples.push(Sample { time, value: value.into(), duty });
+    }
+
+    /// Goes by what was recorded of it, which is finer: from the command on, a row every so many ms.
+    pub(crate) fn take(&mut self, rows: &[Row], every: u16) {
+        let on = (0u32..).zip(rows).filter(|(_, row)| row.mode != Mode::Off);
+        let sample = |(n, row): (u32, &Row)| Sample {
+            time: Duration::from_millis(every.into()) * n,
+            value: match self.target {
+                Target::Position(_) => row.position,
+                _ => row.velocity,
+            }
+            .into(),
+            duty: words::percent(row.duty) / 100.0,
+        };
+        self.samples = on.map(sample).collect();
     }
 
     /// What was seen.

@@ -9,12 +9,13 @@ mod outputs;
 mod parse;
 mod settings;
 mod step;
+mod tune;
 mod upkeep;
 mod watch;
 mod web;
 
 use std::ffi::OsString;
-use std::io::Write;
+use std::io::{BufRead, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,6 +29,7 @@ use crate::client::Client;
 use crate::error::Error;
 use crate::link::Link;
 use crate::number::Number;
+use crate::tune::Loop;
 use crate::words;
 
 /// Exit status: done.
@@ -184,6 +186,31 @@ enum Command {
         #[arg(long = "for", value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true, default_value = "2s")]
         time: Duration,
     },
+    /// Check a motor's wiring: a moment of a low duty each way, before any loop is closed.
+    Check {
+        /// Motor, 1 to 6.
+        motor: Number,
+        /// Turn its polarity round if the counts go the wrong way.
+        #[arg(long)]
+        set_polarity: bool,
+        #[command(flatten)]
+        may: May,
+    },
+    /// Tune a motor: find out what it is, choose gains, and confirm them by a step.
+    Tune {
+        /// Motor, 1 to 6.
+        motor: Number,
+        /// Which loop; that of velocities for an encoder, of positions for a potentiometer.
+        quantity: Option<Quantity>,
+        /// Leave the gains in force; without, everything is as it was again. Nothing is saved.
+        #[arg(long)]
+        apply: bool,
+        /// Draw the step that confirmed it.
+        #[arg(long, value_name = "FILE")]
+        svg: Option<PathBuf>,
+        #[command(flatten)]
+        may: May,
+    },
     /// Serve the page, in which a browser shows, drives and tunes the board, until Ctrl-C.
     Web {
         /// Where to serve it. Off this computer a token is part of the page's address.
@@ -206,6 +233,23 @@ struct Hold {
     /// Stop after so long, as 2s; until Ctrl-C without.
     #[arg(long = "for", value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true)]
     time: Option<Duration>,
+}
+
+/// What a check or a tuning may do.
+#[derive(Args, Clone, Copy)]
+struct May {
+    /// The highest duty that is driven.
+    #[arg(long, value_name = "DUTY", value_parser = parse::share, default_value = "50%")]
+    highest_duty: f64,
+    /// Do not ask whether it may move.
+    #[arg(long)]
+    yes: bool,
+}
+
+impl From<May> for tune::Permission {
+    fn from(may: May) -> Self {
+        Self { highest_duty: may.highest_duty, yes: may.yes }
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -246,6 +290,8 @@ pub struct Surroundings<'a> {
     pub err: &'a mut dyn Write,
     /// Whether `out` is a terminal that can be drawn on.
     pub is_terminal: bool,
+    /// Where somebody answers questions, if there is one.
+    pub keyboard: Option<&'a mut dyn BufRead>,
     /// Ctrl-C.
     pub interrupt: Interrupt,
 }
@@ -345,6 +391,16 @@ impl Context<'_, '_> {
             Command::Zero { motor, count } => self.zero(motor, count),
             Command::Step { motor, quantity, target, svg, time } => {
                 self.step(motor, quantity, target, svg.as_deref(), time)
+            }
+            Command::Check { motor, set_polarity, may } => {
+                self.check(motor, set_polarity, may.into())
+            }
+            Command::Tune { motor, quantity, apply, svg, may } => {
+                let control_loop = quantity.map(|quantity| match quantity {
+                    Quantity::Velocity => Loop::Velocity,
+                    Quantity::Position => Loop::Position,
+                });
+                self.tune(motor, control_loop, apply, svg.as_deref(), may.into())
             }
             Command::Web { listen, names } => self.web(&listen, &names),
             Command::Dfu => self.dfu(),

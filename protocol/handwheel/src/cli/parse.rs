@@ -35,6 +35,12 @@ pub fn percent(text: &str) -> Result<f64, String> {
     }
 }
 
+/// `50%`: more than nothing of full drive.
+pub fn share(text: &str) -> Result<f64, String> {
+    let share = percent(text)?;
+    if share >= 0.01 { Ok(share) } else { Err(format!("{text}: 1% to 100%")) }
+}
+
 /// `-4000`: whole counts, or counts a second, of the wire's 16 bits.
 pub fn counts(text: &str) -> Result<i16, String> {
     let number = text.parse::<i16>().ok().filter(|&number| number > i16::MIN);

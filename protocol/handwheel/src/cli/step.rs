@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use protocol::extension::Mode;
+use protocol::extension::{Mode, Setup, Trigger};
 use serde_json::json;
 
 use super::{Context, Outcome, Quantity};
@@ -12,6 +12,18 @@ use crate::client::Target;
 use crate::error::Error;
 use crate::number::Number;
 use crate::step::{Course, draw};
+
+/// Rows that are recorded at the most: they take some 4 s to be read at 115200 baud.
+const ROWS: u32 = 2000;
+
+/// A recording of one motor from its next command on, for so long.
+fn recording_of(motor: Number, time: Duration) -> Setup {
+    let ms = u32::try_from(time.as_millis()).unwrap_or(u32::MAX).max(1);
+    let decimation = u16::try_from(ms.div_ceil(ROWS)).unwrap_or(u16::MAX);
+    let samples = (ms / u32::from(decimation)).clamp(1, ROWS) as u16; // 2000 at the most
+    let channels = 1 << motor.index();
+    Setup { channels, trigger: Trigger::Motion, decimation, samples, before: 0 }
+}
 
 impl Context<'_, '_> {
     /// The motor is stopped at the end, whatever happens.
@@ -51,6 +63,11 @@ impl Context<'_, '_> {
             Quantity::Position => Target::Position(target),
         };
         let mut course = Course::new(motor, what);
+        // What older boards tell is a machine state every 20 ms.
+        let recording = match client.has_recorder() {
+            true => Some(client.record(recording_of(motor, time))?),
+            false => None,
+        };
         self.holds();
         let interrupted = self.io.interrupt.wanted.clone();
         client.end_when(interrupted.clone());
@@ -69,6 +86,10 @@ impl Context<'_, '_> {
                 return Err(why);
             }
         };
+        // A step that was interrupted is still being recorded.
+        if let Some(recording) = recording.filter(|_| !self.interrupted()) {
+            course.take(&client.recorded(&recording)?, recording.decimation);
+        }
         let (found, aim) = course.response()?;
         let unit = course.unit();
         let ms = |time: Option<Duration>| time.map(|time| time.as_millis() as u64);

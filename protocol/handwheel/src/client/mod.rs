@@ -2,11 +2,13 @@
 //!
 //! - here: the connection, and what a board is asked about itself;
 //! - `settings`: settings by name;
+//! - `jobs`: checks, tunings, recordings;
 //! - `motion`: what moves something; `stop`: what stops it, and how a shaft is known to stand;
 //! - `streams`: telemetry and machine state, one after the other;
 //! - `arm`: the session of ARCOS that a Pioneer Arm wants around all of it.
 
 mod arm;
+mod jobs;
 mod motion;
 mod settings;
 mod stop;

@@ -69,7 +69,7 @@ impl Client {
     }
 
     /// The machine state, with this motor off; `None` from a board that does not tell it.
-    fn state_off(&mut self, motor: Number) -> Result<Option<MachineState>, Error> {
+    pub(super) fn state_off(&mut self, motor: Number) -> Result<Option<MachineState>, Error> {
         let end = self.now() + GRACE;
         loop {
             let state = self.state()?;

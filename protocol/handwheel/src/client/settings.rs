@@ -64,7 +64,7 @@ impl Client {
     }
 
     /// The setting of this number.
-    pub(super) fn numbered(&mut self, number: u16) -> Result<Setting, Error> {
+    pub(crate) fn numbered(&mut self, number: u16) -> Result<Setting, Error> {
         const WHAT: &str = "settings";
         self.needs_settings()?;
         match self.ask(&Request::Setting(number), WHAT)? {

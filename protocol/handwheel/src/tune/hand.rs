@@ -51,9 +51,6 @@ impl Hand {
 
     /// What it is about from now on.
     pub(super) fn says(&self, doing: &'static str) {
-        if std::env::var_os("DBG").is_some() {
-            eprintln!("{:?} {doing}", self.now());
-        }
         look(&self.shared).doing = doing;
     }
 

@@ -57,6 +57,8 @@ pub struct Tuned {
     pub interval: f64,
     /// The values: counts, or counts per second.
     pub values: Vec<f64>,
+    /// The duties, -1 to 1.
+    pub duties: Vec<f64>,
     /// The settings that make it so, by their numbers.
     pub settings: Vec<(u16, i32)>,
 }
@@ -135,9 +137,7 @@ impl Before {
         let low = hand.get(numbered(LOW_LIMIT, motor)).await?;
         let high = hand.get(numbered(HIGH_LIMIT, motor)).await?;
         let mut before = Self { motor, values, reversed, encoder: false, limits: (low, high) };
-        // As commands imply: motors 1 and 2 have encoders.
-        let sensor = before.value(SENSOR);
-        before.encoder = sensor == ENCODER || sensor == 0 && motor.index() < 2;
+        before.encoder = has_encoder(motor, before.value(SENSOR));
         Ok(before)
     }
 
@@ -189,9 +189,44 @@ impl Before {
     }
 }
 
-/// What a motor of this state will do at the most when it is tuned.
-pub fn plan(is_encoder: bool) -> Plan {
-    if is_encoder { Plan::Turns(TURNS) } else { Plan::Stays(TRAVEL * CARRIED) }
+/// What a motor with this value of its setting "sensor" will do at the most when it is tuned.
+pub fn plan(motor: Number, sensor: i32) -> Plan {
+    match has_encoder(motor, sensor) {
+        true => Plan::Turns(TURNS),
+        false => Plan::Stays(TRAVEL * CARRIED),
+    }
+}
+
+/// The number of a motor's setting "sensor".
+pub fn sensor_of(motor: Number) -> u16 {
+    numbered(SENSOR, motor)
+}
+
+/// The full speed that is set for a motor, in counts per second, by the values of settings.
+///
+/// # Errors
+/// That of a value that is not known.
+pub fn full_speed_set<E>(
+    motor: Number,
+    mut value: impl FnMut(u16) -> Result<i32, E>,
+) -> Result<i32, E> {
+    const OF_ENCODERS: u16 = 3;
+    const OF_POTENTIOMETERS: u16 = 4;
+    match value(numbered(FULL_SPEED, motor))? {
+        0 if has_encoder(motor, value(sensor_of(motor))?) => value(OF_ENCODERS),
+        0 => value(OF_POTENTIOMETERS),
+        own => Ok(own),
+    }
+}
+
+/// As commands imply: motors 1 and 2 have encoders unless their setting says otherwise.
+fn has_encoder(motor: Number, sensor: i32) -> bool {
+    sensor == ENCODER || sensor == 0 && motor.index() < 2
+}
+
+/// Reads a recording, once it is done.
+pub fn read(serial: u8) -> Job<Vec<Row>> {
+    Job::new(move |shared| async move { Hand::new(shared, Number::ONE).rows(serial).await })
 }
 
 /// How long a wheel turns in all, at the most.
@@ -243,9 +278,20 @@ async fn procedure(hand: &mut Hand, before: &Before, options: &Options) -> Resul
     let settings = settings(options.motor, &fit.motor, control_loop, &design);
     hand.set(&settings).await?;
     hand.says("confirms them by a step");
-    let (interval, values) = confirm(hand, control_loop, step, &design).await?;
+    let Course { interval, values, duties } = confirm(hand, control_loop, step, &design).await?;
     let response = compare(&design, control_loop, step, interval, &values)?;
-    Ok(Tuned { checked, fit, control_loop, design, step, response, interval, values, settings })
+    Ok(Tuned {
+        checked,
+        fit,
+        control_loop,
+        design,
+        step,
+        response,
+        interval,
+        values,
+        duties,
+        settings,
+    })
 }
 
 /// A fit that is poorer than this is no motor's. Whole counts of a coarse encoder cost up to 15 %.
@@ -378,13 +424,21 @@ fn settings(motor: Number, found: &Motor, control_loop: Loop, design: &Design) -
     settings
 }
 
-/// Makes the step, and reads how it went: the interval in seconds, and the values.
+/// How a step went.
+struct Course {
+    /// In seconds.
+    interval: f64,
+    values: Vec<f64>,
+    duties: Vec<f64>,
+}
+
+/// Makes the step, and reads how it went.
 async fn confirm(
     hand: &mut Hand,
     control_loop: Loop,
     step: Step,
     design: &Design,
-) -> Result<(f64, Vec<f64>), Refused> {
+) -> Result<Course, Refused> {
     const WIRE: i32 = 32_768;
     let settling = design.response.settling.unwrap_or_default();
     let time = (settling.mul_f64(1.5) + Duration::from_millis(300)).min(Duration::from_secs(6));
@@ -406,7 +460,11 @@ async fn confirm(
         Loop::Velocity => f64::from(row.velocity),
         Loop::Position => f64::from(row.position.wrapping_sub(from)),
     };
-    Ok((f64::from(recording.decimation) * PERIOD, rows.iter().map(value).collect()))
+    Ok(Course {
+        interval: f64::from(recording.decimation) * PERIOD,
+        values: rows.iter().map(value).collect(),
+        duties: rows.iter().map(|row| f64::from(row.duty) / FULL).collect(),
+    })
 }
 
 /// Compares a step with what was predicted of it: its response, if it was so.
