@@ -165,7 +165,9 @@ pub async fn control<M: RawMutex, C: Copy>(
         if liveness != Liveness::Hung {
             feed(!snapshot.outputs.are_off());
         }
-        worst_latency_us = microseconds(Instant::now() - begun).max(worst_latency_us);
+        // Saturating: where its timer's counter wraps, a clock may be behind for a moment.
+        let latency = Instant::now().saturating_duration_since(begun);
+        worst_latency_us = microseconds(latency).max(worst_latency_us);
         snapshot.worst_latency_us = worst_latency_us;
         channels.snapshot.set(snapshot);
         recorder.lock(|recorder| recorder.borrow_mut().step(snapshot));

@@ -106,9 +106,17 @@ impl Error {
     }
 }
 
-/// Shifts to the left, and saturates instead of losing bits.
+/// Shifts to the left, and saturates instead of losing bits. Not by `clamp`: of its two comparisons
+/// and the shift the compiler makes other things than one saturating instruction.
 fn shift<const BY: u32>(bits: i32) -> i32 {
-    bits.clamp(i32::MIN >> BY, i32::MAX >> BY) << BY
+    bits.min(i32::MAX >> BY).max(i32::MIN >> BY) << BY
+}
+
+/// An integral's part of the drive, rounded down: as `Drive::lossy_from`, which asks first whether
+/// it is 0, and the compiler then writes what follows twice.
+fn part_of(integral: I10F54) -> Drive {
+    let bits = integral.to_bits() >> (I10F54::FRAC_NBITS - Drive::FRAC_NBITS);
+    Drive::from_bits(bits as i32) // 24 bits are left
 }
 
 /// The drive that is allowed.
@@ -176,9 +184,9 @@ impl Pid {
         let derivative = Drive::lossy_from(gains.minus_kd.wide_mul(rate));
         let others = feed_forward.wrapping_add(proportional).wrapping_add(derivative);
         let integral = self.integral.wrapping_add(gains.ki.wide_mul(error.0));
-        let drive = others.wrapping_add(Drive::lossy_from(integral));
+        let drive = others.wrapping_add(part_of(integral));
 
-        if limits.allow(drive) && Limits::FULL.allow(Drive::lossy_from(integral)) {
+        if limits.allow(drive) && Limits::FULL.allow(part_of(integral)) {
             self.integral = integral;
             return drive;
         }
@@ -202,7 +210,7 @@ impl Pid {
         limits: &Limits,
     ) -> Drive {
         let mut integral = integral.min(I10F54::ONE).max(I10F54::NEG_ONE);
-        let drive = others.wrapping_add(Drive::lossy_from(integral));
+        let drive = others.wrapping_add(part_of(integral));
         if !limits.allow(drive) {
             // The integral moves with the sign of the error: gains are never negative.
             let deeper =
@@ -216,7 +224,7 @@ impl Pid {
             integral = integral.min(bound(high)).max(bound(low));
         }
         self.integral = integral;
-        limits.apply(others.wrapping_add(Drive::lossy_from(integral)))
+        limits.apply(others.wrapping_add(part_of(integral)))
     }
 }
 

@@ -200,9 +200,9 @@ fn damaged_settings_and_a_bite_of_the_watchdog_are_on_record() {
     assert_eq!(host.identity().settings, Origin::Corrupt);
     assert_eq!(host.value(PERIOD), 50, "the default");
     assert_eq!(host.faults(), [Fault::SettingsCorrupt]);
-    let code = host.bench.patch("5Shaft6update", &[0xE7FE]); // b .
+    let code = host.bench.patch("control_task_inner_function0E4poll", &[0xE7FE]); // b .
     host.run_for(70);
-    host.bench.patch("5Shaft6update", &code);
+    host.bench.patch("control_task_inner_function0E4poll", &code);
     host.run_for(300);
     host.heard();
     assert_eq!(resets(&host), 1);

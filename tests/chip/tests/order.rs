@@ -110,7 +110,7 @@ fn jump(from: u64, to: u64) -> Vec<u16> {
 
 #[test]
 fn a_fault_and_a_panic_disable_every_bridge_at_once_and_then_end_the_rest() {
-    const IN_CONTROL: &str = "5Shaft6update";
+    const IN_CONTROL: &str = "control_task_inner_function0E4poll";
     let causes: [fn(&mut Host); 3] = [
         |host| drop(host.bench.patch(IN_CONTROL, &[0xDE00])), // udf
         |host| drop(host.bench.patch(IN_CONTROL, &[0xB4FF, 0xE7FD])), // push {r0-r7} for ever

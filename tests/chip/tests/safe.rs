@@ -91,7 +91,8 @@ const LOG_BUFFER: u64 = 256;
 /// `b.w` from control's step to where an index out of bounds ends.
 fn branch_to_panic() -> Vec<u16> {
     let bench = Bench::boot(IMAGE);
-    let [from, to] = ["5Shaft6update", "18panic_bounds_check"].map(|part| bench.symbol(part));
+    let [from, to] = ["control_task_inner_function0E4poll", "18panic_bounds_check"]
+        .map(|part| bench.symbol(part));
     let offset = (to as i64 - from as i64 - 4) as u32;
     let bit = |n: u32| offset >> n & 1;
     let [j1, j2] = [bit(23), bit(22)].map(|i| (i ^ bit(24)) ^ 1);
@@ -119,8 +120,8 @@ fn from_power_on_to_the_first_command_nothing_is_driven() {
 
 #[test]
 fn a_control_that_hangs_wherever_it_does_is_off_within_100_ms() {
-    broken("5Shaft6update", HANG, OFF_WITHIN_MS);
-    broken("5Shaft6update", HANG_IN_CRITICAL_SECTION, OFF_WITHIN_MS);
+    broken("control_task_inner_function0E4poll", HANG, OFF_WITHIN_MS);
+    broken("control_task_inner_function0E4poll", HANG_IN_CRITICAL_SECTION, OFF_WITHIN_MS);
     broken("UART4", HANG, OFF_WITHIN_MS);
 }
 
@@ -165,7 +166,7 @@ fn control_goes_on_above_a_sensing_that_hangs_and_it_is_control_that_switches_of
 #[test]
 fn a_hard_fault_and_a_panic_are_off_at_once() {
     for code in [UNDEFINED, &branch_to_panic()] {
-        broken("5Shaft6update", code, AT_ONCE_MS);
+        broken("control_task_inner_function0E4poll", code, AT_ONCE_MS);
     }
     broken("link_task_inner_function0E4poll", UNDEFINED, AT_ONCE_MS);
 }
@@ -194,9 +195,9 @@ fn a_stack_that_overflows_is_off_at_once_and_writes_nothing_below_sram() {
 #[test]
 fn control_that_is_slow_for_30_ms_goes_on() {
     let mut host = going();
-    let code = host.bench.patch("5Shaft6update", HANG);
+    let code = host.bench.patch("control_task_inner_function0E4poll", HANG);
     host.run_for(30);
-    host.bench.patch("5Shaft6update", &code);
+    host.bench.patch("control_task_inner_function0E4poll", &code);
     host.live_for(200);
     assert_eq!(host.bench.with(driven), ([true; 6], true), "nothing was switched off");
     host.go(Quantity::Pwm, [Some(8192); 6]);
