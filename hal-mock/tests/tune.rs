@@ -214,8 +214,9 @@ fn wrong_wiring_is_named_before_any_loop_is_closed() {
     let swapped = |scene: &mut Scene| scene.motors[0].reversed = true;
     let unplugged = |scene: &mut Scene| scene.faults.unplugged[0] = true;
     let blocked = |scene: &mut Scene| scene.faults.jam[0] = true;
-    let cases: [(&dyn Fn(&mut Scene), Refused); 3] =
-        [(&swapped, Refused::WrongWay), (&unplugged, Refused::Stuck), (&blocked, Refused::Stuck)];
+    type Wrong = fn(&mut Scene);
+    let cases: [(Wrong, Refused); 3] =
+        [(swapped, Refused::WrongWay), (unplugged, Refused::Stuck), (blocked, Refused::Stuck)];
     for (wrong, refused) in cases {
         let mut scene = Scene::default();
         wrong(&mut scene);
@@ -269,7 +270,7 @@ fn whatever_ends_it_the_motor_is_off_and_the_settings_are_as_they_were() {
     let troubles: [(Trouble, &str); 4] = [
         (|_, job| job.stop("stopped by hand"), "stopped by hand"),
         (|bench, _| bench.board.plant.borrow_mut().overrides.jam[0] = Some(true), "motor"),
-        (|bench, _| bench.send(Command::Run { scope: CommandScope::All, run: false }), "suspended"),
+        (|bench, _| bench.send(Command::Run { scope: CommandScope::All, run: false }), "motor 1"),
         (
             |bench, _| {
                 let mut targets = [None; 6];

@@ -9,6 +9,7 @@ mod others;
 #[path = "../program/mod.rs"]
 mod program;
 mod review_client;
+mod tune;
 mod web;
 mod wrong;
 

@@ -114,5 +114,7 @@ fn version_1_of_the_extension_has_all_but_the_machine_state() {
     }
     std::fs::remove_dir_all(files).unwrap();
     handwheel(&link, "step 1 velocity 4000").failed("no machine state");
+    let check = handwheel(&link, "check 1");
+    assert!(check.status == 1 && check.err.contains("has no recorder"), "{check:?}");
     assert!(handwheel(&link, "watch --for 300ms").out.contains("telemetry only"));
 }

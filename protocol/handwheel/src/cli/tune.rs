@@ -26,6 +26,7 @@ impl Context<'_, '_> {
     /// Checks the wiring of a motor.
     pub fn check(&mut self, motor: Number, set_polarity: bool, permission: Permission) -> Outcome {
         let mut client = self.connect()?;
+        client.needs_a_recorder()?;
         let duty = permission.highest_duty;
         let travel = format!(
             "a moment each way, 0.4 s at the most; {}",
@@ -54,6 +55,7 @@ impl Context<'_, '_> {
         permission: Permission,
     ) -> Outcome {
         let mut client = self.connect()?;
+        client.needs_a_recorder()?;
         let highest_duty = permission.highest_duty;
         let sensor = client.numbered(sensor_of(motor))?.value;
         let travel = match plan(motor, sensor) {

@@ -80,7 +80,7 @@ impl Client {
         }
     }
 
-    fn needs_a_recorder(&self) -> Result<(), Error> {
+    pub(crate) fn needs_a_recorder(&self) -> Result<(), Error> {
         self.needs_a_pms5005("a recorder")?;
         let why = "; its firmware is older, or the line slower than 16,000 baud";
         match self.has_recorder() {

@@ -21,8 +21,18 @@ const GRACE: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_millis(500);
 /// Blocks that are asked for at once.
 const RUN: u16 = 32;
-/// How often blocks of a recording may be lost.
+/// How often what is lost of a recording is asked for.
 const TRIES: usize = 8;
+
+/// What a motor was asked for.
+#[derive(Clone, Copy)]
+struct Driven {
+    mode: Mode,
+    /// A set-point that is there at once and stays.
+    set_point: Option<i32>,
+    /// When that was acknowledged.
+    since: Duration,
+}
 
 /// A procedure's hand on one motor.
 pub(super) struct Hand {
@@ -30,8 +40,8 @@ pub(super) struct Hand {
     pub(super) motor: Number,
     /// It has been told to stop, and is ending.
     is_ending: bool,
-    /// What the motor was last asked for, and when that was acknowledged.
-    driven: Option<(Mode, Duration)>,
+    /// What the motor was last asked for.
+    driven: Option<Driven>,
 }
 
 impl Hand {
@@ -124,7 +134,10 @@ impl Hand {
         look(&self.shared).is_driving = true;
         let command = target.command(self.motor, ramp);
         self.ask(Ask::Command(command), "a motion command").await?;
-        self.driven = Some((target.in_the_state().0, self.now()));
+        let (mode, set_point) = target.in_the_state();
+        let stays = ramp == Duration::ZERO && mode != Mode::Position;
+        let set_point = stays.then_some(set_point);
+        self.driven = Some(Driven { mode, set_point, since: self.now() });
         Ok(())
     }
 
@@ -146,15 +159,17 @@ impl Hand {
 
     /// Whether it still does what was asked.
     fn look(&self, channel: &ChannelState) -> Result<(), Refused> {
-        let Some((mode, since)) = self.driven else { return Ok(()) };
+        let Some(Driven { mode, set_point, since }) = self.driven else { return Ok(()) };
         let stopped = |why: String| Err(Refused::Stopped(format!("motor {}: {why}", self.motor)));
         let is_new = self.now() <= since + GRACE;
+        let apart = set_point.map_or(0, |asked| (i32::from(channel.set_point) - asked).abs());
+        let is_asked = apart <= 1; // the wire rounds
         match channel.reason {
             Reason::OtherMethod | Reason::BeyondScale if is_new => Ok(()),
             Reason::Obstacle | Reason::SoftLimit | Reason::OverCurrent | Reason::Overload => {
                 stopped(words::reason(channel).unwrap_or_default())
             }
-            _ if is_new || channel.mode == mode => Ok(()),
+            _ if is_new || channel.mode == mode && is_asked => Ok(()),
             _ if channel.mode == Mode::Off => stopped(
                 words::reason(channel).unwrap_or_else(|| "another host has stopped it".into()),
             ),
@@ -221,24 +236,28 @@ impl Hand {
         };
         let count = usize::from(recording.taken);
         let mut blocks: Vec<Option<Vec<Row>>> = vec![None; count.div_ceil(BLOCK)];
-        for _ in 0..blocks.len().div_ceil(RUN.into()) + TRIES {
-            let Some(first) = blocks.iter().position(Option::is_none) else { break };
-            let missing = blocks.iter().skip(first).take_while(|block| block.is_none()).count();
-            let count = u16::try_from(missing).unwrap_or(RUN).min(RUN);
-            look(&self.shared).blocks.clear();
-            let request = Request::Blocks { first: first as u16, count };
-            // What is lost, the last one too, is asked for in the next round.
-            let _ = self.ask(Ask::Request(request), "a recording").await;
-            let came = std::mem::take(&mut look(&self.shared).blocks);
-            for block in came {
-                if block.serial != serial {
-                    return Err(other());
+        for _ in 0..TRIES {
+            let mut at = 0;
+            // All of it, or what was lost of it, run by run.
+            while let Some(gap) = blocks.iter().skip(at).position(Option::is_none) {
+                let first = at + gap;
+                let missing = blocks.iter().skip(first).take_while(|block| block.is_none()).count();
+                let count = u16::try_from(missing).unwrap_or(RUN).min(RUN);
+                at = first + usize::from(count);
+                look(&self.shared).blocks.clear();
+                let request = Request::Blocks { first: first as u16, count };
+                let _ = self.ask(Ask::Request(request), "a recording").await;
+                let came = std::mem::take(&mut look(&self.shared).blocks);
+                for block in came {
+                    if block.serial != serial {
+                        return Err(other());
+                    }
+                    if let Some(place) = blocks.get_mut(usize::from(block.number)) {
+                        *place = Some(block.rows().to_vec());
+                    }
                 }
-                if let Some(place) = blocks.get_mut(usize::from(block.number)) {
-                    *place = Some(block.rows().to_vec());
-                }
+                self.until(self.now()).await?;
             }
-            self.until(self.now()).await?;
         }
         let rows: Option<Vec<_>> = blocks.into_iter().collect();
         let lost =
