@@ -28,4 +28,4 @@ pub use fit::Fit;
 pub use gains::{Design, Gains, Loop, Step};
 pub use job::{Ask, Job, Refused};
 pub use model::Motor;
-pub use procedure::{Options, Plan, Tuned, plan, tune};
+pub use procedure::{Options, Plan, Tuned, has_encoder, plan, tune};

@@ -62,6 +62,11 @@ pub struct Tuned {
 }
 
 impl Tuned {
+    /// What the values were to be.
+    pub fn predicted(&self) -> Vec<f64> {
+        expected(&self.design, self.interval, self.values.len())
+    }
+
     /// What the loop is expected to make of another step, in this time.
     pub fn expects(&self, step: Step, time: Duration) -> Option<Response> {
         expect(&self.fit.motor, self.control_loop, self.design.gains, step, time)
@@ -135,9 +140,7 @@ impl Before {
         let low = hand.get(numbered(LOW_LIMIT, motor)).await?;
         let high = hand.get(numbered(HIGH_LIMIT, motor)).await?;
         let mut before = Self { motor, values, reversed, encoder: false, limits: (low, high) };
-        // As commands imply: motors 1 and 2 have encoders.
-        let sensor = before.value(SENSOR);
-        before.encoder = sensor == ENCODER || sensor == 0 && motor.index() < 2;
+        before.encoder = has_encoder(motor, before.value(SENSOR));
         Ok(before)
     }
 
@@ -187,6 +190,11 @@ impl Before {
         let has_limits = low < high && high < SCALE;
         if has_limits { (low, high) } else { (MARGIN, SCALE - MARGIN) }
     }
+}
+
+/// Whether a motor whose setting "sensor" is this has an encoder; 0 is as commands imply: motors 1 and 2 have one.
+pub fn has_encoder(motor: Number, sensor: i32) -> bool {
+    sensor == ENCODER || sensor == 0 && motor.index() < 2
 }
 
 /// What a motor of this state will do at the most when it is tuned.
@@ -423,7 +431,7 @@ fn compare(
     const SETTLING: f64 = 1.2;
     const APART: f64 = 0.12;
     let every = (interval / PERIOD).round() as usize;
-    let expected: Vec<_> = design.seen.iter().copied().step_by(every).take(values.len()).collect();
+    let expected = expected(design, interval, values.len());
     let width = if control_loop == Loop::Velocity { (MEAN / interval) as usize } else { 1 };
     let (values, expected) = (means(values, width), means(&expected, width));
     let told = |values: &[f64]| {
@@ -454,6 +462,12 @@ fn compare(
         (None, _) => return unconfirmed("it did not settle".into()),
     }
     Ok(was)
+}
+
+/// So many values of what the board was to see, a sample every so many seconds.
+fn expected(design: &Design, interval: f64, count: usize) -> Vec<f64> {
+    let every = (interval / PERIOD).round() as usize;
+    design.seen.iter().copied().step_by(every).take(count).collect()
 }
 
 /// Each the mean of so many about it.
