@@ -182,12 +182,12 @@ impl Panel {
         running.job.answer(result);
     }
 
-    /// A stop came first. What has moved something is not said again; to set something back is.
+    /// A stop came first. What is to be set may be what was before, and is said again; nothing else is.
     pub(super) fn job_is_dropped(&mut self) {
         let Some(running) = &mut self.motion.job else { return };
         match running.asked {
-            Some(Ask::Command(_)) => self.job_is_answered(Err(Failure::NoAnswer)),
-            _ => running.is_dropped = true,
+            Some(Ask::Set(_)) => running.is_dropped = true,
+            _ => self.job_is_answered(Err(Failure::NoAnswer)),
         }
     }
 
