@@ -16,7 +16,7 @@ fn tune(desk: &Desk) {
         until("its settings", || (desk.count(KP) == 1).then_some(()));
         desk.click("#self-tune");
         let question = desk.until_text("#self-question", "Motor 1 turns freely both ways");
-        assert!(question.contains("no more than 50"), "{question}");
+        assert!(question.contains("no more than 50 % duty"), "{question}");
         desk.click("#self-yes");
         desk.until_text("#job", "Motor 1, tune: ");
         let is_tuned = until("it is tuned", || {

@@ -1,5 +1,5 @@
 // A step's curve on a canvas: the value with its target above, the duty below if samples have one; the step before
-// it, or what was predicted, stays, faint and dashed.
+// it stays, faint and dashed; what was predicted is dashed above it, in its own colour.
 
 import { color, label, nice, prepare, rule, whole } from "/chart.js";
 
@@ -50,7 +50,7 @@ export function draw(canvas, step, before) {
     plot([[0], [lasts]], () => y(s.target), "--set-point", [6, 4], 1.5);
     context.globalAlpha = 1;
   };
-  if (steps[1]) {
+  if (steps[1] && !steps[1].color) {
     context.globalAlpha = 0.45;
     plot(steps[1].samples, (s) => y(s[1]), "--value", [3, 3], 1.5);
     if (hasDuty) plot(steps[1].samples, (s) => yDuty(s[2]), "--duty", [3, 3], 1);
@@ -59,5 +59,6 @@ export function draw(canvas, step, before) {
   }
   target(step, 1);
   plot(step.samples, (s) => y(s[1]), "--value", [], 2);
+  if (steps[1]?.color) plot(steps[1].samples, (s) => y(s[1]), steps[1].color, [4, 4], 1.5);
   if (hasDuty) plot(step.samples, (s) => yDuty(s[2]), "--duty", [], 1.25);
 }

@@ -56,7 +56,7 @@ async function propose(what) {
     return;
   }
   const its = motor;
-  const most = `with no more than ${number(percent, 1)} % duty`;
+  const most = `with no more than ${number(percent, Number.isInteger(percent) ? 0 : 1)} % duty`;
   let text = `Motor ${its} turns a moment each way, ${most}.`;
   const values = { motor: its, duty: percent };
   if (what === "check") values.set_polarity = mayTurn.checked;
@@ -129,7 +129,7 @@ function curve(of) {
 }
 
 function showCurve() {
-  if (!result.hidden && canvas.clientWidth) draw(canvas, curve("measured"), curve("predicted"));
+  if (!result.hidden && canvas.clientWidth) draw(canvas, curve("measured"), { ...curve("predicted"), color: "--duty" });
 }
 
 function showInForce() {
@@ -168,14 +168,14 @@ export function make() {
   }, { id: "self-yes" }));
   question = el("p", { id: "self-question", class: "line asking", role: "alert", hidden: true }, asked, yes, button("No", settle, { id: "self-no" }));
   checked = el("p", { id: "wiring" });
-  canvas = el("canvas", { id: "tuned-curve", role: "img", "aria-label": "The confirming step: measured, and predicted (faint)" });
+  canvas = el("canvas", { id: "tuned-curve", role: "img", "aria-label": "The confirming step: measured, and predicted (dashed)" });
   [found, response, settings] = [el("tbody"), el("tbody"), el("tbody")];
   inForce = el("span", { id: "in-force", role: "status" });
   result = el("div", { id: "tuned", hidden: true },
     el("div", { class: "curve" }, canvas),
     el("div", {},
       el("table", {}, head("The motor", ""), found),
-      el("table", { id: "tuned-response" }, head("The step that confirmed it", "measured", "predicted (faint)"), response)),
+      el("table", { id: "tuned-response" }, head("The step that confirmed it", "measured", "predicted (dashed)"), response)),
     el("div", {},
       el("table", { id: "tuned-settings" }, head("Setting", "before", "found"), settings),
       el("p", { class: "line" },

@@ -150,13 +150,25 @@ impl Panel {
     /// The board is gone: what it has set cannot be set back.
     pub(super) fn lose_job(&mut self, why: &str) {
         let Some(running) = self.motion.job.take() else { return };
-        let left = if running.set.is_empty() && !running.is_unsure {
-            ""
-        } else {
-            ", and what it was set to meanwhile is in force until the board restarts or that is set anew"
+        let mut set = running.set;
+        if let Some(Ask::Set(values)) = running.asked {
+            set.extend(values);
+        }
+        let newest = |number| set.iter().rfind(|(set, _)| *set == number).map(|(_, value)| *value);
+        let was = self.settings.list().iter().filter_map(|known| {
+            let differs = newest(known.number).is_some_and(|value| value != known.value);
+            differs.then(|| format!("{} {}", known.name, known.value))
+        });
+        let was: Vec<_> = was.collect();
+        let left = match was.is_empty() {
+            true => String::new(),
+            false => format!(
+                "; until it restarts it has other settings than before, which were: {}",
+                was.join(", ")
+            ),
         };
-        let error =
-            format!("{why}: its own watch over silence stops motor {}{left}", running.motor);
+        let motor = running.motor;
+        let error = format!("{why}: its own watch over silence stops motor {motor}{left}");
         self.answer(running.asker, Err(error));
         self.tell_job();
     }
