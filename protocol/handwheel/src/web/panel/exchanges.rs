@@ -29,6 +29,8 @@ pub(super) enum Purpose {
     /// Of this reading of all settings.
     ReadSetting(u64),
     Change,
+    /// What a job asks.
+    Job,
     /// Nobody waits.
     Quiet,
 }
@@ -73,6 +75,7 @@ impl Panel {
             Purpose::Board(asked) => self.board_tells(asked, result),
             Purpose::ReadSetting(reading) => self.setting_is_read(reading, result),
             Purpose::Change => self.change_goes_on(result),
+            Purpose::Job => self.job_is_answered(result),
             Purpose::Quiet => {}
         }
     }
@@ -98,6 +101,9 @@ impl Panel {
     }
 
     fn tell_dropped(&mut self, purpose: &Purpose, why: &str) {
+        if matches!(purpose, Purpose::Job) {
+            self.job_is_dropped();
+        }
         if let Purpose::Page(asker, _)
         | Purpose::Keep(asker, _)
         | Purpose::Servo(asker)

@@ -7,6 +7,7 @@ use protocol::pms5005::CHANNELS;
 use serde_json::{Map, Value, json};
 
 use super::exchanges::Purpose;
+use super::job::Running;
 use super::message::{member, ms, number};
 use super::stop::{Ending, Stop};
 use super::{ALIVE, Asker, PageId, Panel};
@@ -33,6 +34,7 @@ pub(super) struct Motion {
     pub(super) shafts: Shafts,
     pub(super) stop: Option<Stop>,
     pub(super) step: Option<Step>,
+    pub(super) job: Option<Running>,
     /// Until when servos are on the way where a page has sent them.
     pub(super) ramps: [Duration; CHANNELS],
     /// Counts the motion commands, so that each knows its own acknowledgement.
@@ -64,18 +66,22 @@ impl Motion {
         self.armed.map(|(page, _)| page)
     }
 
-    /// Whether a motor is driven from a page.
+    /// Whether a motor is driven from a page, or a job has it.
     pub(super) fn is_ours(&self, motor: Number) -> bool {
-        self.ours[motor.index()].is_some()
+        let is_its = self.job.as_ref().is_some_and(|running| running.motor == motor);
+        self.ours[motor.index()].is_some() || is_its
     }
 
     fn is_driving(&self) -> bool {
-        self.ours.iter().any(Option::is_some)
+        self.ours.iter().any(Option::is_some) || self.job.as_ref().is_some_and(Running::is_driving)
     }
 
     /// Whether nothing is driven or being stopped.
     pub(super) fn is_at_rest(&self) -> bool {
-        !self.is_driving() && self.ending.iter().all(Option::is_none) && self.stop.is_none()
+        !self.is_driving()
+            && self.ending.iter().all(Option::is_none)
+            && self.stop.is_none()
+            && self.job.is_none()
     }
 
     /// What is driven from a page, or being stopped for one.
@@ -162,6 +168,7 @@ impl Panel {
         object: &Map<String, Value>,
     ) -> Result<(), String> {
         let motor = member(object, "motor")?;
+        self.needs_no_job()?;
         let (target, ramp) = (target(object)?, ms(object, "ms", 0, i64::from(u16::MAX))?);
         if self.motion.step.as_ref().is_some_and(|step| step.motor == motor) {
             return Err(format!("motor {motor} makes a step: wait for its end, or stop it"));
@@ -199,7 +206,7 @@ impl Panel {
     }
 
     /// Signs of life keep everything running, whoever drives it.
-    fn tell_others(&mut self) {
+    pub(super) fn tell_others(&mut self) {
         let ours = self.motion.all_of_ours();
         let others: Vec<_> = Number::all()
             .filter(|motor| self.motion.on[motor.index()] && !ours.contains(motor))
@@ -240,6 +247,7 @@ impl Panel {
 
     pub(super) fn step(&mut self, asker: Asker, object: &Map<String, Value>) -> Result<(), String> {
         let motor = member(object, "motor")?;
+        self.needs_no_job()?;
         let target = target(object)?;
         let time = match object.get("ms") {
             None => Duration::from_secs(2),
@@ -352,6 +360,7 @@ impl Panel {
         }
         self.advance_endings();
         self.advance_stop();
+        self.advance_job();
     }
 }
 
