@@ -274,6 +274,21 @@ impl<T> Job<T> {
     }
 }
 
+/// What came of a procedure, and of setting everything back behind it.
+pub(super) fn set_back<T>(
+    found: Result<T, Refused>,
+    back: Result<(), Refused>,
+) -> Result<T, Refused> {
+    match (found, back) {
+        (found, Ok(())) => found,
+        (Ok(_), Err(why)) => Err(Refused::Line(format!("{why}; {LEFT}"))),
+        (Err(refused), Err(why)) => Err(Refused::Line(format!("{refused}; {why}; {LEFT}"))),
+    }
+}
+
+/// What is to be done when it was not.
+const LEFT: &str = "its settings were not set back: restart the board, or restore them";
+
 /// In words, what a board refused.
 pub(super) fn refusal(failure: Failure, what: &'static str) -> Refused {
     Refused::Line(Error::of(failure, Personality::Pms5005, what).to_string())

@@ -14,7 +14,7 @@ use super::check::{Checked, REST, both_ways};
 use super::fit::{Fit, Record, fit};
 use super::gains::{Design, Loop, Step, design, every_period, expect};
 use super::hand::Hand;
-use super::job::{Job, Refused};
+use super::job::{Job, Refused, set_back};
 use super::model::{Motor, PERIOD};
 use crate::motion::target::Target;
 use crate::number::Number;
@@ -251,8 +251,7 @@ pub fn tune(options: Options) -> Job<Tuned> {
             _ => &[],
         };
         let back = before.restore(&hand, kept).await;
-        let tuned = tuned?;
-        off.and(back).map(|()| tuned)
+        set_back(tuned, off.and(back))
     })
 }
 
