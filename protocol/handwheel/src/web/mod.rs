@@ -63,7 +63,8 @@
 //!
 //! ## A step
 //! `{"motor", "unit", "target", "samples": [[MS, VALUE, PERCENT OF DUTY]], "rise_ms", "overshoot_percent", "settling_ms",
-//! "steady_error", "why"}`; rise and settling are null if they never came, `why` is what limited it at the end, or null.
+//! "steady_error", "why"}`; rise and settling are null if they never came, `why` is what limited it at the end, or null. A board
+//! that records has been asked for every few ms, another for a machine state every 20 ms.
 //!
 //! ## A check
 //! `{"motor", "ways": [{"moved", "current", "duty"}, ...], "has_current", "turned_round"}`: with rising counts and with

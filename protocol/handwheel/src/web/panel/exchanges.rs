@@ -20,6 +20,8 @@ pub(super) enum Purpose {
     Servo(Asker),
     /// A part of a picture; the last one's page waits.
     Lcd(Option<Asker>),
+    /// That a step is to be recorded.
+    Record,
     /// A motion command, numbered; of a step nobody waits for it.
     Drive(Number, u64, Option<Asker>),
     /// The acknowledged part of a stop of everything, and of one motor.
@@ -76,6 +78,7 @@ impl Panel {
             Purpose::ReadSetting(reading) => self.setting_is_read(reading, result),
             Purpose::Change => self.change_goes_on(result),
             Purpose::Job => self.job_is_answered(result),
+            Purpose::Record => self.step_is_recorded(result),
             Purpose::Quiet => {}
         }
     }

@@ -7,24 +7,46 @@ use serde_json::{Value, json};
 use super::tell::rounded;
 use crate::Number;
 use crate::session::Setting;
-use crate::step::Response;
+use crate::step::{Course, Response, Sample};
 use crate::tune::{Checked, Loop, Tuned};
 
 pub(super) enum Found {
     Checked(Checked),
     Tuned(Box<Tuned>),
+    Stepped(Box<Course>),
 }
 
 impl Found {
     /// Of this motor; `settings` are those of before.
-    pub(super) fn json(&self, motor: Number, settings: &[Setting]) -> Value {
+    ///
+    /// # Errors
+    /// Of a step that was none.
+    pub(super) fn json(&self, motor: Number, settings: &[Setting]) -> Result<Value, String> {
         let mut told = match self {
             Self::Checked(found) => checked(found),
             Self::Tuned(found) => tuned(found, settings),
+            Self::Stepped(course) => return stepped(motor, course),
         };
         told["motor"] = (motor.index() + 1).into();
-        told
+        Ok(told)
     }
+}
+
+/// A step, as pages are told.
+///
+/// # Errors
+/// Of one that was none.
+pub(super) fn stepped(motor: Number, course: &Course) -> Result<Value, String> {
+    let (found, aim) = course.response().map_err(|error| error.to_string())?;
+    let row =
+        |s: &Sample| json!([s.time.as_millis() as u64, s.value, rounded(s.duty * 100.0, 10.0)]);
+    let samples: Vec<_> = course.samples().iter().map(row).collect();
+    let ms = |time: Option<Duration>| time.map(|time| time.as_millis() as u64);
+    Ok(json!({
+        "motor": motor.index() + 1, "unit": course.unit(), "target": aim, "samples": samples,
+        "rise_ms": ms(found.rise), "overshoot_percent": found.overshoot_percent,
+        "settling_ms": ms(found.settling), "steady_error": found.steady_error, "why": course.why,
+    }))
 }
 
 fn checked(found: &Checked) -> Value {

@@ -7,6 +7,7 @@
 
 use std::time::Duration;
 
+use protocol::extension::Recording;
 use protocol::pms5005::Command;
 use serde_json::{Map, Value, json};
 
@@ -16,6 +17,7 @@ use super::message::member;
 use super::{Asker, Panel};
 use crate::Number;
 use crate::session::{Event, Failure, Reply};
+use crate::step::Course;
 use crate::tune::{self, Ask, Job, Loop, Options, Plan};
 
 /// The extension's version that has a recorder.
@@ -25,7 +27,7 @@ const HAS_RECORDER: u8 = 3;
 pub(super) struct Running {
     asker: Asker,
     pub(super) motor: Number,
-    /// `check` or `tune`.
+    /// `check`, `tune` or `step`.
     what: &'static str,
     job: Job<Found>,
     /// Why it was stopped.
@@ -58,8 +60,12 @@ impl Running {
     }
 
     fn name(&self) -> String {
-        let done = if self.what == "check" { "checked" } else { "tuned" };
-        format!("motor {} is being {done}", self.motor)
+        let motor = self.motor;
+        match self.what {
+            "check" => format!("motor {motor} is being checked"),
+            "tune" => format!("motor {motor} is being tuned"),
+            _ => format!("what motor {motor} did is being read"),
+        }
     }
 }
 
@@ -74,8 +80,7 @@ impl Panel {
         let motor = member(object, "motor")?;
         let duty = duty(object)?;
         let control_loop = control_loop(object)?;
-        let has_recorder = self.board.identity.is_some_and(|id| id.extension >= HAS_RECORDER);
-        if !has_recorder || !self.has_state() {
+        if !self.has_recorder() {
             return Err(
                 "checking and tuning need a board that records and tells its machine state: newer firmware, \
                  or a faster line"
@@ -104,6 +109,27 @@ impl Panel {
             }
         };
         self.tell_others();
+        self.run_job(asker, motor, what, job);
+        Ok(())
+    }
+
+    /// Reads what was recorded of a step that is over.
+    pub(super) fn read_step(
+        &mut self,
+        asker: Asker,
+        motor: Number,
+        mut course: Course,
+        recording: &Recording,
+    ) {
+        let every = recording.decimation;
+        let job = tune::read(recording.serial).map(move |rows| {
+            course.take(&rows, every);
+            Found::Stepped(Box::new(course))
+        });
+        self.run_job(asker, motor, "step", job);
+    }
+
+    fn run_job(&mut self, asker: Asker, motor: Number, what: &'static str, job: Job<Found>) {
         self.motion.job = Some(Running {
             asker,
             motor,
@@ -116,7 +142,12 @@ impl Panel {
             is_unsure: false,
             told: Default::default(),
         });
-        Ok(())
+    }
+
+    /// Whether the board records, and tells its machine state.
+    pub(super) fn has_recorder(&self) -> bool {
+        let identity = self.board.identity;
+        self.has_state() && identity.is_some_and(|id| id.extension >= HAS_RECORDER)
     }
 
     /// What tuning a motor will do to it at the most.
@@ -233,7 +264,7 @@ impl Panel {
         let Some(running) = self.motion.job.take() else { return };
         let motor = running.motor;
         let result = match outcome {
-            Ok(found) => Ok(found.json(motor, self.settings.list())),
+            Ok(found) => found.json(motor, self.settings.list()),
             Err(refused) => {
                 // A stop that was not acknowledged is told of, and gone on with.
                 if !running.is_stopped() {

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use protocol::extension::{MachineState, Mode};
+use protocol::extension::{MachineState, Mode, Recording, Request};
 use protocol::pms5005::CHANNELS;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use super::exchanges::Purpose;
+use super::found::stepped;
 use super::job::Running;
 use super::message::{member, ms, number};
 use super::stop::{Ending, Stop};
@@ -15,8 +16,8 @@ use crate::client::{Target, on};
 use crate::error::Error;
 use crate::motion::shafts::Shafts;
 use crate::motion::watch::Watch;
-use crate::session::{Event, Personality, sign_of_life};
-use crate::step::{Course, Sample};
+use crate::session::{Event, Failure, Personality, Reply, sign_of_life};
+use crate::step::{Course, recording_of};
 use crate::{Number, client};
 
 /// After which silence an armed page that drives nothing is disarmed.
@@ -59,7 +60,12 @@ pub(super) struct Step {
     /// When it was acknowledged.
     begun: Option<Duration>,
     course: Course,
+    /// Its recording, if the board makes one.
+    recording: Option<Recording>,
 }
+
+/// Rows of a step that are recorded at the most: they take a second to be read at 115200 baud.
+const ROWS: u16 = 500;
 
 impl Motion {
     pub(super) fn armed_page(&self) -> Option<PageId> {
@@ -265,9 +271,14 @@ impl Panel {
         if !self.has_state() {
             return Err("this board tells no machine state to sample".into());
         }
+        if self.has_recorder() {
+            let setup = recording_of(motor, time, ROWS);
+            self.ask(&Request::Record(setup), Purpose::Record);
+        }
         self.begin(motor, target, Duration::ZERO, None)?;
         let course = Course::new(motor, target);
-        self.motion.step = Some(Step { asker, motor, time, begun: None, course });
+        let recording = None;
+        self.motion.step = Some(Step { asker, motor, time, begun: None, course, recording });
         Ok(())
     }
 
@@ -279,22 +290,21 @@ impl Panel {
     }
 
     fn end_step(&mut self) {
-        let Some(step) = self.motion.step.take() else { return };
-        self.end(step.motor, None, "");
-        let result = step.course.response().map_err(|error| error.to_string());
-        let percent = |duty: f64| (duty * 1000.0).round() / 10.0;
-        let row = |s: &Sample| json!([s.time.as_millis() as u64, s.value, percent(s.duty)]);
-        let samples: Vec<_> = step.course.samples().iter().map(row).collect();
-        let ms = |time: Option<Duration>| time.map(|time| time.as_millis() as u64);
-        let told = result.map(|(found, aim)| {
-            json!({
-                "motor": step.motor.index() + 1, "unit": step.course.unit(), "target": aim,
-                "samples": samples, "rise_ms": ms(found.rise),
-                "overshoot_percent": found.overshoot_percent, "settling_ms": ms(found.settling),
-                "steady_error": found.steady_error, "why": step.course.why,
-            })
-        });
-        self.answer(step.asker, told);
+        let Some(Step { asker, motor, course, recording, .. }) = self.motion.step.take() else {
+            return;
+        };
+        self.end(motor, None, "");
+        match recording {
+            None => self.answer(asker, stepped(motor, &course)),
+            Some(recording) => self.read_step(asker, motor, course, &recording),
+        }
+    }
+
+    /// What came of the question for a recording of the step; without one machine states tell of it.
+    pub(super) fn step_is_recorded(&mut self, result: Result<Reply, Failure>) {
+        if let (Some(step), Ok(Reply::Recording(recording))) = (&mut self.motion.step, result) {
+            step.recording = Some(recording);
+        }
     }
 
     /// Signs of life while something is ours, as often as the board wants them.
