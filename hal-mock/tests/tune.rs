@@ -263,6 +263,75 @@ fn a_motor_that_is_well_wired_passes_and_moves_little() {
     assert_eq!(changed(&mut bench), Vec::<String>::new());
 }
 
+#[test]
+fn a_joint_stays_within_its_travel_whatever_its_motor_is() {
+    for (full_speed, time_constant_s) in [(4096.0, 0.06), (8000.0, 0.2), (12_000.0, 0.3)] {
+        let mut scene = Scene::default();
+        scene.motors[2].full_speed = full_speed;
+        scene.motors[2].time_constant_s = time_constant_s;
+        let mut bench = Bench::with(Make { scene, ..Make::default() });
+        let start = bench.board.plant.borrow().motors[2].position();
+        let mut travel = 0;
+        let outcome = bench.run_with(tune(options("3")), |bench, _| {
+            let at = bench.board.plant.borrow().motors[2].position();
+            travel = travel.max((at - start).abs());
+        });
+        let told = outcome.map(|tuned| tuned.response);
+        println!("{full_speed} {time_constant_s}: {travel} {told:?}");
+        assert!(travel <= 500, "{full_speed} {time_constant_s}: {travel} counts, {told:?}");
+    }
+    let mut bench = Bench::new();
+    let velocity = Options { control_loop: Some(Loop::Velocity), ..options("3") };
+    assert_eq!(bench.run(tune(velocity)).err(), Some(Refused::NotAJoint));
+    assert_eq!(changed(&mut bench), Vec::<String>::new());
+}
+
+#[test]
+fn a_joint_whose_sensor_comes_off_in_the_middle_is_not_pushed_on() {
+    let mut bench = Bench::new();
+    let start = bench.board.plant.borrow().motors[2].position();
+    let outcome = bench.run_with(tune(options("3")), |bench, job| {
+        if job.doing() == "finds out what it is" {
+            bench.board.plant.borrow_mut().overrides.unplugged[2] = Some(true);
+        }
+    });
+    assert!(outcome.is_err(), "{outcome:?}");
+    let travel = (bench.board.plant.borrow().motors[2].position() - start).abs();
+    assert!(travel < 480, "{travel} counts");
+}
+
+#[test]
+fn nobody_else_s_motor_is_kept_running_by_it() {
+    let mut bench = Bench::new();
+    let outcome = bench.run_with(tune(options("1")), |bench, job| {
+        if job.doing() == "finds out what it is" && !bench.is_on(1) {
+            let mut targets = [None; 6];
+            targets[1] = Some(3000);
+            let (quantity, addressing) = (Quantity::Velocity, Addressing::List);
+            bench.send(Command::Move(Move { quantity, addressing, targets, periods: 0 }));
+        }
+    });
+    assert!(outcome.unwrap_err().to_string().contains("drives motor 2"));
+    assert!(!bench.is_on(0));
+}
+
+#[test]
+fn a_polarity_that_was_turned_in_vain_is_turned_back() {
+    let mut scene = Scene::default();
+    scene.motors[0].reversed = true;
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    let mut turned = false;
+    let outcome = bench.run_with(check(Number::ONE, 0.5, true), |bench, job| {
+        turned |= job.doing() == "turns its polarity round";
+        if turned && job.doing() == "checks its wiring" {
+            bench.board.plant.borrow_mut().overrides.jam[0] = Some(true);
+        }
+    });
+    assert_eq!(outcome.err(), Some(Refused::Stuck));
+    bench.board.plant.borrow_mut().overrides.jam[0] = None;
+    assert_eq!(changed(&mut bench), Vec::<String>::new());
+}
+
 /// What goes wrong in the middle, what is said of it, and that the motor is off then and nothing has changed.
 #[test]
 fn whatever_ends_it_the_motor_is_off_and_the_settings_are_as_they_were() {
@@ -270,7 +339,10 @@ fn whatever_ends_it_the_motor_is_off_and_the_settings_are_as_they_were() {
     let troubles: [(Trouble, &str); 4] = [
         (|_, job| job.stop("stopped by hand"), "stopped by hand"),
         (|bench, _| bench.board.plant.borrow_mut().overrides.jam[0] = Some(true), "motor"),
-        (|bench, _| bench.send(Command::Run { scope: CommandScope::All, run: false }), "motor 1"),
+        (
+            |bench, _| bench.send(Command::Run { scope: CommandScope::All, run: false }),
+            "", // "suspended" of a move, "another host has stopped it" of a duty
+        ),
         (
             |bench, _| {
                 let mut targets = [None; 6];

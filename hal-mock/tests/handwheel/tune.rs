@@ -41,14 +41,14 @@ fn a_check_says_what_it_will_do_and_asks_at_a_terminal() {
         let said = typed(&link, words, keys);
         assert_eq!(said.status, 1, "{said:?}");
         assert!(said.out.contains("at most 50 % of full drive"), "{said:?}");
-        assert!(said.out.contains("Is it free to move?") && said.err.contains("nothing was done"));
+        assert!(said.err.contains("Is it free to move?") && said.err.contains("nothing was done"));
         assert_eq!(board.state()["motors"][0]["position"], 0.0, "nothing has turned");
     }
     let said = typed(&link, "check 1 --highest-duty 40%", "y\n");
     assert!(said.status == 0 && said.out.contains("at most 40 %"), "{said:?}");
     assert!(said.out.contains("counts the right way"), "{said:?}");
     let said = typed(&link, "check 1 --yes", "");
-    assert!(said.status == 0 && !said.out.contains("free to move"), "{said:?}");
+    assert!(said.status == 0 && !said.err.contains("free to move"), "{said:?}");
 }
 
 #[test]

@@ -79,7 +79,11 @@ impl Context<'_, '_> {
         };
         // A step that was interrupted is still being recorded.
         if let Some(recording) = recording.filter(|_| !self.interrupted()) {
-            course.take(&client.recorded(&recording)?, recording.decimation);
+            // Without it the machine states tell of it.
+            match client.recorded(&recording) {
+                Ok(rows) => course.take(&rows, recording.decimation),
+                Err(error) => self.remark(&error.to_string()),
+            }
         }
         let (found, aim) = course.response()?;
         let unit = course.unit();

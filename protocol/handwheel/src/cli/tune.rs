@@ -7,11 +7,13 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::{Context, DONE, Outcome};
-use crate::client::{Client, number_of};
+use crate::client::{Client, LINK_TIMEOUT, number_of};
 use crate::error::Error;
 use crate::number::Number;
 use crate::step::{Response, Sample, draw};
-use crate::tune::{Checked, Loop, Options, Plan, Tuned, check, plan, sensor_of, tune};
+use crate::tune::{
+    Checked, Loop, Options, Plan, Tuned, check, highest_duty_of, plan, sensor_of, tune,
+};
 
 /// How a motor is driven, and who says that it may be.
 #[derive(Clone, Copy, Debug)]
@@ -26,10 +28,9 @@ impl Context<'_, '_> {
     /// Checks the wiring of a motor.
     pub fn check(&mut self, motor: Number, set_polarity: bool, permission: Permission) -> Outcome {
         let mut client = self.connect()?;
-        client.needs_a_recorder()?;
-        let duty = permission.highest_duty;
+        let duty = self.before(&mut client, motor, permission)?;
         let travel = format!(
-            "a moment each way, 0.4 s at the most; {}",
+            "a moment each way, half a second at the most; {}",
             travel(&mut client, motor, duty, 0.41)?
         );
         if !self.may(motor, duty, &travel, permission.yes) {
@@ -55,8 +56,7 @@ impl Context<'_, '_> {
         permission: Permission,
     ) -> Outcome {
         let mut client = self.connect()?;
-        client.needs_a_recorder()?;
-        let highest_duty = permission.highest_duty;
+        let highest_duty = self.before(&mut client, motor, permission)?;
         let sensor = client.numbered(sensor_of(motor))?.value;
         let travel = match plan(motor, sensor) {
             Plan::Turns(time) => {
@@ -99,6 +99,24 @@ impl Context<'_, '_> {
         Ok(DONE)
     }
 
+    /// Looks at what else there is, and yields the duty that is driven at the most: the channel's own may be lower.
+    fn before(
+        &mut self,
+        client: &mut Client,
+        motor: Number,
+        permission: Permission,
+    ) -> Result<f64, Error> {
+        client.needs_a_recorder()?;
+        self.others(client)?;
+        if client.numbered(LINK_TIMEOUT)?.value == 0 {
+            self.remark(
+                "link timeout is 0: if this program dies meanwhile, nothing stops the motor",
+            );
+        }
+        let own = f64::from(client.numbered(highest_duty_of(motor))?.value) / 16_384.0;
+        Ok(permission.highest_duty.min(own))
+    }
+
     fn run_job<T>(
         &mut self,
         client: &mut Client,
@@ -118,13 +136,17 @@ impl Context<'_, '_> {
 
     /// Says what is going to happen, and asks whether it may, if there is somebody to ask.
     fn may(&mut self, motor: Number, duty: f64, travel: &str, yes: bool) -> bool {
-        self.say(&format!(
+        let plan = format!(
             "motor {motor}: at most {:.0} % of full drive; {travel}. Ctrl-C stops it.",
             duty * 100.0
-        ));
+        );
+        self.say(&plan);
         let Some(keyboard) = self.io.keyboard.as_mut().filter(|_| !yes) else { return true };
-        let _ = write!(self.io.out, "Is it free to move? [y/N] ");
-        let _ = self.io.out.flush();
+        if self.json {
+            let _ = writeln!(self.io.err, "{plan}");
+        }
+        let _ = write!(self.io.err, "Is it free to move? [y/N] ");
+        let _ = self.io.err.flush();
         let mut line = String::new();
         let _ = keyboard.read_line(&mut line); // nothing is no
         let is_free = matches!(line.trim(), "y" | "Y" | "yes");

@@ -1,7 +1,5 @@
 //! What takes a while and is done by a [`Job`]: checks, tunings, recordings.
 
-use std::time::Duration;
-
 use protocol::extension::{Recording, Request, Row, Setup};
 
 use super::{Client, TICK};
@@ -23,8 +21,8 @@ impl Client {
     ///
     /// # Errors
     /// [`Error::NotCarried`] by a board without a recorder; [`Error::Stopped`] with the refusal, the motor off
-    /// and the settings as they were; [`Error::Gone`]: then the board's own watch stops the motor, and what was
-    /// set meanwhile lasts until it is restarted.
+    /// and the settings as they were unless it says otherwise; when the link is gone the board's own watch stops the
+    /// motor, and what was set meanwhile lasts until it is restarted.
     pub fn run<T>(
         &mut self,
         motor: Number,
@@ -48,7 +46,12 @@ impl Client {
                 return outcome
                     .map_err(|refused| Error::Stopped(format!("motor {motor}: {refused}")));
             }
-            self.pump(TICK)?;
+            self.pump(TICK).map_err(|gone| {
+                Error::Stopped(format!(
+                    "{gone}; motor {motor} is left to the board's own watch, and {}",
+                    tune::LEFT
+                ))
+            })?;
         }
     }
 
@@ -71,12 +74,15 @@ impl Client {
     pub fn recorded(&mut self, recording: &Recording) -> Result<Vec<Row>, Error> {
         let mut job = tune::read(recording.serial);
         loop {
+            if self.is_to_end() {
+                job.stop("stopped by Ctrl-C");
+            }
             let now = self.now();
             job.converse(&mut self.session, now);
             if let Some(outcome) = job.outcome() {
                 return outcome.map_err(|refused| Error::Stopped(refused.to_string()));
             }
-            self.pump(TICK.min(Duration::from_millis(2)))?;
+            self.pump(TICK)?;
         }
     }
 

@@ -41,7 +41,7 @@ const MORE_TIME: Duration = Duration::from_millis(110);
 /// So many counts are enough; at the end these are: an encoder may stand on an edge, a potentiometer is noisy.
 const PLENTY: i32 = 24;
 const ENOUGH_OF_ENCODER: i32 = 3;
-const ENOUGH_OF_POTENTIOMETER: i32 = 10;
+pub(super) const ENOUGH_OF_POTENTIOMETER: i32 = 10;
 /// A/D counts of a current that is one.
 const CURRENT: i32 = 12;
 /// How long a shaft may take to stand still again.
@@ -58,12 +58,15 @@ pub fn check(motor: Number, most: f64, may_turn_round: bool) -> Job<Checked> {
             Err(Refused::WrongWay) if may_turn_round => {}
             checked => return checked,
         }
+        hand.begin("turns its polarity round");
         let number = numbered(POLARITY, motor);
-        let turned = if hand.get(number).await? == 0 { 1 } else { 0 };
-        hand.set(&[(number, turned)]).await?;
+        let was = hand.get(number).await?;
+        hand.set(&[(number, if was == 0 { 1 } else { 0 })]).await?;
         // Nothing else shows that it helped.
-        let checked = once(&mut hand, most).await?;
-        Ok(Checked { turned_round: true, ..checked })
+        match once(&mut hand, most).await {
+            Ok(checked) => Ok(Checked { turned_round: true, ..checked }),
+            refused => set_back(refused, hand.set(&[(number, was)]).await),
+        }
     })
 }
 
@@ -97,26 +100,24 @@ async fn one_way(hand: &mut Hand, before: &Before, most: f64, sign: i32) -> Resu
     let sign_of_duty = if before.is_reversed() { -sign } else { sign };
     let duty = |part: f64| Target::Duty(f64::from(sign_of_duty) * part * most);
     let moved = |at: &ChannelState| at.position.wrapping_sub(rest.position).wrapping_mul(sign);
-    let mut last = rest;
-    let mut current = 0;
+    let (mut last, mut current) = (rest, 0);
     let mut see = |at: &ChannelState| {
         last = *at;
         current = current.max(i32::from(at.current) - i32::from(rest.current));
         moved(at).saturating_abs() >= PLENTY
     };
     hand.drive(duty(LOW), Duration::ZERO).await?;
-    let began = hand.now();
-    hand.watch(began + LOW_TIME, &mut see).await?;
+    hand.watch(hand.now() + LOW_TIME, &mut see).await?;
     let enough = if before.is_encoder() { ENOUGH_OF_ENCODER } else { ENOUGH_OF_POTENTIOMETER };
     let is_low = moved(&last).saturating_abs() >= enough;
-    let mut see = |at: &ChannelState| {
-        last = *at;
-        current = current.max(i32::from(at.current) - i32::from(rest.current));
-        moved(at).saturating_abs() >= PLENTY
-    };
     if !is_low {
         hand.drive(duty(1.0), RISE).await?;
-        hand.watch(hand.now() + MORE_TIME, &mut see).await?;
+        hand.watch(hand.now() + MORE_TIME, |at| {
+            last = *at;
+            current = current.max(i32::from(at.current) - i32::from(rest.current));
+            moved(at).saturating_abs() >= PLENTY
+        })
+        .await?;
     }
     let moved = moved(&last);
     let way = Way { moved, current, duty: if is_low { LOW * most } else { most } };

@@ -38,7 +38,7 @@ const NUDGES: Unknowns = [1e-3, 1e-3, 2e-4, 1e-3, 1e-3];
 /// Time constants to begin with, in seconds.
 const STARTS: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 /// The longest dead time and time constant that are believed, in seconds.
-const LONGEST_DEAD_TIME: f64 = 0.04;
+pub(super) const LONGEST_DEAD_TIME: f64 = 0.04;
 const LONGEST_TIME_CONSTANT: f64 = 10.0;
 
 fn unknowns(motor: &Motor) -> Unknowns {
@@ -196,7 +196,6 @@ mod tests {
             0 | 2 => low,
             1 => high,
             3 | 5 => -low,
-            4 => -high,
             _ => -high,
         }
     }
@@ -215,12 +214,6 @@ mod tests {
                     let off = |is: f64, was: f64| (is / was - 1.0).abs();
                     let is = found.motor;
                     let case = format!("{was:?} {found:?}");
-                    println!(
-                        "{:.3} {:.3} {:.1}",
-                        off(is.gain, gain),
-                        off(is.time_constant, time_constant),
-                        found.percent
-                    );
                     assert!(off(is.gain, gain) < coarse, "{case}");
                     assert!(off(is.time_constant, time_constant) < 0.05, "{case}");
                     assert!(

@@ -122,7 +122,15 @@ fn judge(
     let swing = tail.iter().map(|at| (at.duty - mean).powi(2)).sum::<f64>() / tail.len() as f64;
     let is_good = |motor: &Motor, step, overshoot| {
         let told = told(&step_of(motor, control_loop, gains, step, periods), step);
-        told.is_some_and(|told| told.settling.is_some() && told.overshoot_percent <= overshoot)
+        // What friction holds short of its target, within 5 % or not, is all that a loop without Ki can do.
+        let friction = motor.dead_band[0] / f64::from(gains.kp.max(1)) * 2_f64.powi(15);
+        told.is_some_and(|told| {
+            let is_there = match control_loop {
+                Loop::Velocity => told.settling.is_some(),
+                Loop::Position => told.steady_error.abs() <= friction + 2.0,
+            };
+            is_there && told.overshoot_percent <= overshoot
+        })
     };
     let others = OTHERS.map(|(gain, slow, late)| Motor {
         gain: motor.gain * gain,

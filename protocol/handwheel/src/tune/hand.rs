@@ -6,13 +6,16 @@ use std::task::Poll;
 use std::time::Duration;
 
 use protocol::extension::{
-    BLOCK, ChannelState, Mode, Phase, Reason, Recording, Request, Row, Setup, Trigger,
+    BLOCK, ChannelState, MachineState, Mode, Phase, Reason, Recording, Request, Row, Setup, Trigger,
 };
 
+use protocol::pms5005::CHANNELS;
+
 use super::job::{Ask, Refused, Shared, look, refusal};
+use crate::client;
 use crate::motion::target::{self, Target};
 use crate::number::Number;
-use crate::session::Reply;
+use crate::session::{Reply, sign_of_life};
 use crate::words;
 
 /// A machine state may be older than a command that was just acknowledged.
@@ -42,15 +45,24 @@ pub(super) struct Hand {
     is_ending: bool,
     /// What the motor was last asked for.
     driven: Option<Driven>,
+    /// Between what it has to stay: the least and the most.
+    room: Option<(i32, i32)>,
+    /// The motors that were on when it began.
+    others: Option<[bool; CHANNELS]>,
 }
 
 impl Hand {
     pub(super) fn new(shared: Arc<Mutex<Shared>>, motor: Number) -> Self {
-        Self { shared, motor, is_ending: false, driven: None }
+        Self { shared, motor, is_ending: false, driven: None, room: None, others: None }
     }
 
     pub(super) fn now(&self) -> Duration {
         look(&self.shared).now
+    }
+
+    /// How often signs of life are sent from now on: the board's link timeout, in ms, says how often.
+    pub(super) fn lives(&self, link_timeout: i32) {
+        look(&self.shared).life = sign_of_life(Some(link_timeout));
     }
 
     /// It is to be stopped again, if somebody wants that.
@@ -106,8 +118,30 @@ impl Hand {
         self.ask(Ask::Set(values.to_vec()), "settings").await.map(drop)
     }
 
-    /// The next machine state's channel.
-    pub(super) async fn state(&self) -> Result<ChannelState, Refused> {
+    /// The shaft has to stay between these places from now on.
+    pub(super) fn stays(&mut self, low: i32, high: i32) {
+        self.room = Some((low, high));
+    }
+
+    /// The next machine state's channel. Signs of life would keep others running too: nobody else may begin
+    /// to drive meanwhile.
+    pub(super) async fn state(&mut self) -> Result<ChannelState, Refused> {
+        let state = self.whole_state().await?;
+        let on = client::on(&state);
+        let before = *self.others.get_or_insert(on);
+        let begins = |other: &Number| {
+            let index = other.index();
+            *other != self.motor && on[index] && !before[index]
+        };
+        match Number::all().find(begins).filter(|_| !self.is_ending) {
+            None => Ok(state.channels[self.motor.index()]),
+            Some(other) => Err(Refused::Stopped(format!(
+                "another host drives motor {other} now, which this would keep running if that host died: let it end first"
+            ))),
+        }
+    }
+
+    async fn whole_state(&self) -> Result<MachineState, Refused> {
         let (seen, began) = {
             let mut shared = look(&self.shared);
             shared.watches = true;
@@ -119,7 +153,7 @@ impl Hand {
             }
             let shared = look(&self.shared);
             match shared.state.filter(|_| shared.states != seen) {
-                Some((state, _)) => Poll::Ready(Ok(state.channels[self.motor.index()])),
+                Some((state, _)) => Poll::Ready(Ok(state)),
                 None if shared.now > began + SILENCE => Poll::Ready(Err(Refused::Stopped(
                     "the board tells no machine state any more: check the line".into(),
                 ))),
@@ -143,7 +177,7 @@ impl Hand {
 
     /// Watches the motor until a time, or until `is_enough` of what it does.
     pub(super) async fn watch(
-        &self,
+        &mut self,
         until: Duration,
         mut is_enough: impl FnMut(&ChannelState) -> bool,
     ) -> Result<(), Refused> {
@@ -159,8 +193,16 @@ impl Hand {
 
     /// Whether it still does what was asked.
     fn look(&self, channel: &ChannelState) -> Result<(), Refused> {
+        if let Some((low, high)) = self.room
+            && !(low..=high).contains(&channel.position)
+        {
+            return Err(Refused::Stopped(format!(
+                "it went to {}, beyond the {low} to {high} that it was to stay within: allow less duty",
+                channel.position
+            )));
+        }
         let Some(Driven { mode, set_point, since }) = self.driven else { return Ok(()) };
-        let stopped = |why: String| Err(Refused::Stopped(format!("motor {}: {why}", self.motor)));
+        let stopped = |why: String| Err(Refused::Stopped(why));
         let is_new = self.now() <= since + GRACE;
         let apart = set_point.map_or(0, |asked| (i32::from(channel.set_point) - asked).abs());
         let is_asked = apart <= 1; // the wire rounds
@@ -177,8 +219,8 @@ impl Hand {
         }
     }
 
-    /// Takes the drive away, waits until the shaft stands, so long at the most, and switches it off: what
-    /// begins then begins afresh, without a crossing over from another method.
+    /// Takes the drive away, and waits until the shaft stands, so long at the most. The motor stays on: so the
+    /// board saves nothing that is set for the moment, and nobody else takes it for free.
     pub(super) async fn rest(&mut self, most: Duration) -> Result<(), Refused> {
         const STILL: Duration = Duration::from_millis(150);
         self.drive(Target::Duty(0.0), Duration::ZERO).await?;
@@ -190,6 +232,11 @@ impl Hand {
                 still = (channel.position, self.now());
             }
         }
+        Ok(())
+    }
+
+    /// Off, so that what comes next begins without a crossing over from another method.
+    pub(super) async fn afresh(&mut self) -> Result<(), Refused> {
         self.driven = None;
         self.ask(Ask::Command(target::suspend(self.motor)), "a stop").await.map(drop)
     }
@@ -226,6 +273,9 @@ impl Hand {
         look(&self.shared).watches = false;
         let recording = loop {
             let recording = self.recording(Request::Recording).await?;
+            if recording.phase == Phase::None {
+                return Err(Refused::Stopped("the board has been restarted".into()));
+            }
             if recording.serial != serial {
                 return Err(other());
             }
@@ -234,7 +284,7 @@ impl Hand {
             }
             self.until(self.now() + Duration::from_millis(50)).await?;
         };
-        let count = usize::from(recording.taken);
+        let count = usize::from(recording.taken) * recording.channels.count_ones() as usize;
         let mut blocks: Vec<Option<Vec<Row>>> = vec![None; count.div_ceil(BLOCK)];
         for _ in 0..TRIES {
             let mut at = 0;

@@ -60,6 +60,8 @@ pub enum Refused {
     NoMotion,
     /// A joint stands too near to an end of its travel: where, and between what it may be.
     NoRoom(i32, i32, i32),
+    /// A joint's velocity loop would run it into its end.
+    NotAJoint,
     /// No loop would be steady.
     NoLoop,
     /// The step was not what was predicted: in words.
@@ -77,7 +79,7 @@ impl std::fmt::Display for Refused {
                 "neither counts nor a current: check the motor's wires, its supply and the driver's enable line",
             ),
             Self::Stuck => f.write_str(
-                "a current flows and nothing is counted: check whether the shaft is free and the sensor connected",
+                "a current flows and nothing is counted: check whether the shaft is free, not at an end of its travel, and the sensor connected",
             ),
             Self::WrongWay => f.write_str(
                 "the counts fall when they should rise: swap the motor's wires, or `handwheel check N --set-polarity`",
@@ -93,8 +95,11 @@ impl std::fmt::Display for Refused {
                 f,
                 "it stands at {at}, too near to an end of its travel, {low} to {high}: move it to the middle first"
             ),
+            Self::NotAJoint => f.write_str(
+                "a joint's velocity loop is not tuned, as its step would run it into an end: tune its position",
+            ),
             Self::NoLoop => f.write_str(
-                "no loop would be steady with this sensor: it has too few counts for such a motor",
+                "no loop would be steady: the sensor has too few counts for such a motor, or the duty is too low",
             ),
             Self::Unconfirmed(why) => write!(f, "the step was not as predicted ({why}): nothing was changed"),
             Self::Stopped(why) | Self::Line(why) => f.write_str(why),
@@ -119,6 +124,8 @@ pub(super) struct Shared {
     /// Why it is to end.
     pub(super) stop: Option<String>,
     pub(super) is_driving: bool,
+    /// How often signs of life are sent while it drives.
+    pub(super) life: Duration,
     /// Machine states are waited for.
     pub(super) watches: bool,
     /// What it is about, for people.
@@ -146,8 +153,6 @@ pub struct Job<T> {
 /// soon free for a recording.
 const STATES: NonZeroU8 = NonZeroU8::new(30).unwrap();
 const RENEW: Duration = Duration::from_millis(400);
-/// How often signs of life are sent.
-const LIFE: Duration = Duration::from_millis(200);
 
 impl<T> Job<T> {
     pub(super) fn new<P>(procedure: impl FnOnce(Arc<Mutex<Shared>>) -> P) -> Self
@@ -266,7 +271,7 @@ impl<T> Job<T> {
         {
             self.answer(Err(failure));
         }
-        let life = self.is_driving().then_some(LIFE);
+        let life = self.is_driving().then_some(look(&self.shared).life);
         if life != self.life {
             self.life = life;
             session.drive(life, now);
@@ -287,7 +292,7 @@ pub(super) fn set_back<T>(
 }
 
 /// What is to be done when it was not.
-const LEFT: &str = "its settings were not set back: restart the board, or restore them";
+pub(crate) const LEFT: &str = "its settings were not set back: restart the board, or restore them";
 
 /// In words, what a board refused.
 pub(super) fn refusal(failure: Failure, what: &'static str) -> Refused {

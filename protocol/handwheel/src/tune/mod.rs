@@ -9,7 +9,7 @@
 //!   rules, and one step that confirms what was predicted.
 //!
 //! # Promises
-//! - No more than the duty that was allowed, and a joint stays within its travel.
+//! - No more than the duty that was allowed; a joint that leaves its travel is switched off.
 //! - However it ends (a fault, an obstacle, silence, another host, a stop), the motor is off, and what was
 //!   set meanwhile is set back. If the line is gone, the board's own watch stops the motor, and a restart brings
 //!   back what was saved.
@@ -26,6 +26,9 @@ mod procedure;
 pub use check::{Checked, Way, check};
 pub use fit::Fit;
 pub use gains::{Design, Gains, Loop, Step};
+pub(crate) use job::LEFT;
 pub use job::{Ask, Job, Refused};
 pub use model::Motor;
-pub use procedure::{Options, Plan, Tuned, full_speed_set, plan, read, sensor_of, tune};
+pub use procedure::{
+    Options, Plan, Tuned, full_speed_set, highest_duty_of, plan, read, sensor_of, tune,
+};

@@ -271,7 +271,8 @@ impl Panel {
         if !self.has_state() {
             return Err("this board tells no machine state to sample".into());
         }
-        if self.has_recorder() {
+        // While a recording is read nothing else is watched.
+        if self.has_recorder() && self.motion.all_of_ours().is_empty() {
             let setup = recording_of(motor, time, ROWS);
             self.ask(&Request::Record(setup), Purpose::Record);
         }
@@ -294,7 +295,7 @@ impl Panel {
             return;
         };
         self.end(motor, None, "");
-        match recording {
+        match recording.filter(|_| !self.motion.is_driving()) {
             None => self.answer(asker, stepped(motor, &course)),
             Some(recording) => self.read_step(asker, motor, course, &recording),
         }
