@@ -36,11 +36,8 @@ use crate::clock;
 use crate::flash::{self, Flash};
 use crate::plant::{Plant, Scene};
 use crate::running::Running;
-use crate::tasks::{self, Channels, Watchdog};
+use crate::tasks::{self, Channels, RECORDER_ROWS, Watchdog};
 use crate::wire::Line;
-
-/// Rows that the recorder holds: as many as in an F407's core-coupled memory, 64 KiB.
-const RECORDER_ROWS: usize = 4096;
 
 /// What a virtual board is made of.
 #[derive(Clone, Copy, Debug)]

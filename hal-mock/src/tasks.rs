@@ -26,6 +26,9 @@ use crate::plant::Plant;
 /// What the tasks share.
 pub type Channels<C> = app::Channels<NoopRawMutex, C>;
 
+/// Rows that the recorder holds: as many as in an F407's core-coupled memory, 64 KiB.
+pub const RECORDER_ROWS: usize = 4096;
+
 /// How long a reading of the slow sensors takes.
 const SENSOR_PERIOD: Duration = Duration::from_millis(20);
 

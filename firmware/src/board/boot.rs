@@ -5,6 +5,7 @@
 
 use super::fault;
 use crate::ports::ResetCause;
+use embassy_stm32::pac::timer::regs::SrGp16;
 use embassy_stm32::rcc::{self, Hse};
 use embassy_stm32::{Peripherals, pac};
 
@@ -29,11 +30,25 @@ pub fn clocks(hse: Hse) -> Peripherals {
     config.rcc.sys = rcc::Sysclk::PLL1_P;
     config.rcc.apb1_pre = rcc::APBPrescaler::DIV4;
     config.rcc.apb2_pre = rcc::APBPrescaler::DIV2;
-    let peripherals = embassy_stm32::init(config);
+    let peripherals = critical_section::with(|_| {
+        let peripherals = embassy_stm32::init(config);
+        forget_first_match();
+        peripherals
+    });
     speed_up_flash();
     // embassy's clock stands still with the core that a debugger halts: no period is missed then.
     pac::DBGMCU.apb1fzr().modify(|w| w.set_tim5(true));
     peripherals
+}
+
+/// Keeps embassy's clock, which has only begun and whose interrupt waits, from counting half a period too many:
+/// it resets TIM5 (UG) while compare 1, its half period's, is still 0. Whether that is a match, RM0090 does not
+/// say (sections 18.4.5, 18.4.6); where it is, the time would be 65 ms back at every half period's end until the
+/// interrupt is served (embassy-stm32 0.6; embassy's issue 4883 has that from an STM32H757).
+fn forget_first_match() {
+    let mut all_but_it = SrGp16(u32::MAX); // a flag is cleared by writing 0, 1 leaves it
+    all_but_it.set_ccif(0, false);
+    pac::TIM5.sr().write_value(all_but_it);
 }
 
 /// Switches on prefetch and both caches, which embassy leaves off: at 168 MHz a fetch from flash

@@ -15,7 +15,7 @@ use cortex_m::peripheral::{MPU, SCB};
 use super::safe_state;
 
 /// What is forbidden: 32 KiB, up to the start of SRAM, where the stack ends (memory.x). The longest frame
-/// has 5.3 KiB, so none reaches beyond it. A region begins at a multiple of its length (ARM DDI 0403,
+/// has 7.1 KiB, so none reaches beyond it. A region begins at a multiple of its length (ARM DDI 0403,
 /// B3.5), and in this one are the option bytes, which no image reads.
 const GUARD: u32 = 0x1FFF_8000;
 /// Of 2^(14 + 1) bytes, never executed, no access for anybody, enabled.

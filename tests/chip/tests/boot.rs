@@ -177,3 +177,32 @@ fn what_has_no_clock_does_not_answer() {
     });
     assert_eq!(answers, [false, true]);
 }
+
+/// embassy's clock is TIM5's 16 bits and a count of its half periods of 32,768 us, which must be even in a
+/// first half and odd in a second: else its time is 65 ms back from every half period's end until the interrupt
+/// is served.
+#[test]
+fn embassy_s_clock_counts_no_half_period_before_the_first() {
+    const TIM5_CNT: u64 = 0x4000_0C24;
+    for image in ["pms5005-f407", "pms5005-f446", "pioneer-arm-f407", "cm5-f407", "cm5-f446"] {
+        let mut bench = Bench::boot(image);
+        let driver = bench.symbol("11time_driver6driver6DRIVER");
+        let look = |bench: &Bench| {
+            bench.with(move |stand| {
+                let now = stand.now;
+                let chip = &mut stand.rig().chip;
+                let count = Operate::read(chip, now, TIM5_CNT, Width::W32).expect("it counts");
+                let words = (0..10).map(|i| stand.host.read(driver + 4 * i, Width::W32));
+                (count, words.collect::<Result<Vec<_>, _>>().expect("it is RAM"))
+            })
+        };
+        bench.run_for(10);
+        let (_, first) = look(&bench);
+        // Ten half periods later one of its words is ten higher.
+        bench.run_until_ns(10_000_000 + 10 * 32_768_000);
+        let (count, words) = look(&bench);
+        let ten: Vec<_> = first.iter().zip(&words).filter(|(a, b)| *a + 10 == **b).collect();
+        let [(_, &periods)] = ten[..] else { panic!("{image}: {first:?}, then {words:?}") };
+        assert_eq!((periods, count >> 15), (10, 0), "{image}");
+    }
+}

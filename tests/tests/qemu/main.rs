@@ -15,6 +15,7 @@ use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use hal_mock::board::{Make, VirtualBoard};
+use protocol::extension::did as extension;
 use protocol::pms5005::{self, Frame, did};
 
 use process::{Qemu, bytes_from, image};
@@ -122,9 +123,11 @@ fn a_cortex_m_answers_every_did_with_the_bytes_of_the_virtual_clock() {
         kinds.insert((res, did, (res == 0).then(|| data.to_vec())));
     }
     assert_eq!(acks, ACKS);
-    let telemetry = [did::MOTORS, did::CUSTOM_IO, did::SENSORS].map(|did| (255, did, None));
+    let answers = [extension::OUTCOME, extension::RECORDING, extension::BLOCK];
+    let telemetry = [did::MOTORS, did::CUSTOM_IO, did::SENSORS];
+    let not_acknowledged = telemetry.into_iter().chain(answers).map(|did| (255, did, None));
     let pings_and_acks = [0, 1].map(|kind| (0, did::SETUP, Some(vec![kind])));
-    assert_eq!(kinds, telemetry.into_iter().chain(pings_and_acks).collect());
+    assert_eq!(kinds, not_acknowledged.chain(pings_and_acks).collect());
 
     // And it can differ: by one bit of what was sent, by another noise.
     let mut damaged = sent.clone();

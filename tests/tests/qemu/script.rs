@@ -1,8 +1,9 @@
-//! What a host sends to the virtual board's image: every DID of Table II.1 in all its forms, and
-//! what goes wrong on a line.
+//! What a host sends to the virtual board's image: every DID of Table II.1 in all its forms, the
+//! recorder's two, and what goes wrong on a line.
 
 use std::time::Duration;
 
+use protocol::extension::did as extension;
 use protocol::pms5005::{Frame, did};
 
 /// Bytes that the host sends at once.
@@ -72,6 +73,15 @@ const COMMANDS: &[(u8, &[u8], u64)] = &[
     // What the manual does not know.
     (31, &[1, 2, 3], 10),
     (80, &[], 10),
+    // The recorder: none yet; no channel, no whole setup, no whole request for blocks; all rows, from a fault on
+    // that does not come; no block of it, two before it ends.
+    (extension::RECORDING, &[], 20),
+    (extension::RECORDING, &[0, 0, 1, 0, 5, 0, 0, 0], 20),
+    (extension::RECORDING, &[1, 0, 1], 20),
+    (extension::BLOCK, &[0, 0], 20),
+    (extension::RECORDING, &[1, 2, 1, 0, 0x88, 0x13, 0, 0], 60),
+    (extension::RECORDING, &[], 20),
+    (extension::BLOCK, &[0, 0, 2, 0], 30),
     // Bad channel, value, length, sub-command, flag, picture; a method that was not chosen.
     (did::PWM, &[9, 0, 0x50], 10),
     (did::VELOCITY, &[0, 0x00, 0x80], 10),

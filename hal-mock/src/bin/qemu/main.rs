@@ -36,7 +36,7 @@ use firmware::personality::pms5005::{LinkCounters, Pms5005};
 use firmware::recorder::{Recorder, Row};
 use firmware::settings::Settings;
 use hal_mock::plant::{Plant, Scene};
-use hal_mock::tasks::{self, Channels, Watchdog};
+use hal_mock::tasks::{self, Channels, RECORDER_ROWS, Watchdog};
 use static_cell::{ConstStaticCell, StaticCell};
 use uart::{HOST, Line, TRACE};
 
@@ -51,7 +51,8 @@ static CHANNELS: StaticCell<Channels<LinkCounters>> = StaticCell::new();
 static CONTROLLER: StaticCell<Controller> = StaticCell::new();
 static SESSION: StaticCell<Pms5005> = StaticCell::new();
 /// The recorder's.
-static ROWS: ConstStaticCell<[Row; 1024]> = ConstStaticCell::new([Row::ZERO; 1024]);
+static ROWS: ConstStaticCell<[Row; RECORDER_ROWS]> =
+    ConstStaticCell::new([Row::ZERO; RECORDER_ROWS]);
 
 /// How far the board's time may go. It lasts 49 days.
 static MILLISECONDS: AtomicU32 = AtomicU32::new(0);
