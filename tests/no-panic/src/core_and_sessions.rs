@@ -37,6 +37,8 @@ impl View for Board {
 pub fn run() {
     let settings = black_box(Settings::DEFAULT);
     let mut controller = Controller::new(settings.control);
+    black_box(Boot::default()).faults().for_each(|fault| controller.record(fault));
+    settings.iter().for_each(|setting| _ = black_box(setting));
     talk(Pms5005::new(settings, Boot::default(), Instant::now()), &mut controller);
     talk(PioneerArm::new(settings, Boot::default(), Instant::now()), &mut controller);
 }
@@ -48,6 +50,7 @@ fn talk(mut session: impl Session, controller: &mut Controller) {
     let mut commands: [Option<Command>; 4] = [None; 4];
     while any::<u8>() == 0 {
         session = black_box(session);
+        black_box((&mut *controller, &mut board.recorder));
         let received: [u8; 256] = black_box([0; 256]);
         let mut bytes = &received[..];
         let mut places = commands.iter_mut();

@@ -1,6 +1,7 @@
 //! That no panic can be reached, by link: the panic handler calls a function that is nowhere. If the
 //! compiler cannot prove that a panic is never reached, `a_panic_can_be_reached` stays in the image, and it
-//! is not linked. `.ci/no-panic` builds it.
+//! is not linked. `.ci/no-panic` builds it, as the boards' images are built: overflows wrap, and what is
+//! proved is what that compiler can prove.
 //!
 //! What is proved: the wire formats in both directions, the core (controller, safety, settings, recorder) and all
 //! personalities, the CM-5's bridge among them, fed with any bytes at any time.

@@ -6,7 +6,7 @@ use protocol::arcos::{
     ArmCommand, ArmInfo, ArmStatus, Dialect, MotionBits, Names, Packet, Standard, encode_command,
     extension,
 };
-use protocol::cm5::{self, Feedback, Goals, Hello, HelloAnswer, ServoGoal};
+use protocol::cm5::{self, Feedback, Goals, Hello, HelloAnswer, Limits, ServoGoal};
 use protocol::deframe::{Deframer, Framing};
 use protocol::dynamixel::{self, Dynamixel, Instruction};
 use protocol::extension::{Answer, Request};
@@ -101,7 +101,10 @@ fn cm5(bytes: &[u8]) {
         let _ = black_box(hello.encode(&mut out));
     }
     if let Ok(answer) = HelloAnswer::parse(params, servos) {
-        black_box((answer.limits(servos), answer.setup(servos)));
+        let limits: heapless::Vec<Limits, { cm5::MAX_SERVOS }> =
+            (0..cm5::MAX_SERVOS).map_while(|servo| answer.limits(servo)).collect();
+        let _ = black_box(HelloAnswer::encode(any(), &limits, &mut out));
+        black_box(answer.setup(servos));
     }
     if let Ok(goals) = Goals::parse(params, servos) {
         let all: heapless::Vec<ServoGoal, { cm5::MAX_SERVOS }> =
