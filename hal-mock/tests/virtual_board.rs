@@ -316,7 +316,8 @@ fn the_state_has_every_field_and_a_jam_holds_the_shaft() {
     board.ask(json!({"set": {"motor_current": null}}));
     // Two seconds after its only frame the host is silent.
     let lost = json!(["link_loss", "current_sensor 1"]);
-    board.until(|s| s["faults"] == lost && s["motors"][0]["enabled"] == false);
+    let state = board.until(|s| s["faults"] == lost && s["motors"][0]["enabled"] == false);
+    assert_eq!(state["link"]["links_lost"], 1);
 }
 
 #[test]

@@ -22,6 +22,7 @@ use protocol::pms5005::{
     self as wire, Addressing, CHANNELS, Data, Gain, Loop, Method, Move, Parameter, Parameters,
     Quantity, Repeat, Reports, Sensor,
 };
+use tests::At;
 
 /// Four seeds of six hours are a day.
 const SEEDS: u64 = 4;

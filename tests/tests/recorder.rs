@@ -163,6 +163,16 @@ fn blocks_are_read_again_in_any_order_until_the_next_recording() {
     bench.run_ms(100);
     assert_eq!(answers(&mut bench), []);
     assert_eq!(blocks(&mut bench, 0, 1)[0].serial, 2);
+    // So does a request for none; one for others takes the place of what waits.
+    for (first, count, told) in [(0, 0, 0), (7, 2, 2)] {
+        bench.send(Command::Extension(Request::Blocks { first: 0, count: 60_000 }));
+        bench.run_ms(30);
+        bench.send(Command::Extension(Request::Blocks { first, count }));
+        bench.run_ms(2); // what was on its way
+        bench.received();
+        bench.run_ms(100);
+        assert_eq!(answers(&mut bench).len(), told, "{count} blocks");
+    }
 }
 
 /// In which ms the last of 256 blocks, 2048 rows, has come, and how much telemetry meanwhile.

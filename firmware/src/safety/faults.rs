@@ -42,7 +42,7 @@
 
 use crate::channel::Channel;
 
-/// A fault, with its number: 1 to 7 are a channel's, from 16 on the board's.
+/// A fault, with its number: a channel's below 16, the board's from 16 on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]

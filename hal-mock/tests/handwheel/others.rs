@@ -5,6 +5,7 @@ use std::thread;
 use std::time::Duration;
 
 use handwheel::cli::Interrupt;
+use protocol::extension::VERSION;
 use serde_json::{Value, json};
 
 use crate::commands::directory;
@@ -145,7 +146,10 @@ fn a_pioneer_arm_gets_info_watch_stop_faults_and_settings() {
     for link in [tcp(&board), serial] {
         let info = handwheel(&link, "--json info").json();
         assert_eq!((&info["board"], &info["powered"]), (&json!("a Pioneer Arm"), &json!(false)));
-        assert_eq!((&info["joints"][5]["home"], &info["extension"]), (&json!(127), &json!(3)));
+        assert_eq!(
+            (&info["joints"][5]["home"], &info["extension"]),
+            (&json!(127), &json!(VERSION))
+        );
         assert!(handwheel(&link, "info").out.contains("joints 1 to 6 at 127"));
         let watched = handwheel(&link, "--json watch --for 1s").out;
         assert!(watched.lines().all(|line| line.contains("\"positions\":[127,")), "{watched}");

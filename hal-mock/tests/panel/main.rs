@@ -2,6 +2,7 @@
 #![cfg(unix)]
 
 mod driving;
+mod jobs;
 mod others;
 mod races;
 mod settings;

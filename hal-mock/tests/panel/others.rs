@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::{Desk, ONE};
 
-fn velocity(motor: usize, velocity: i16) -> Vec<u8> {
+pub(crate) fn velocity(motor: usize, velocity: i16) -> Vec<u8> {
     let mut targets = [None; 6];
     targets[motor - 1] = Some(velocity);
     let drive = Command::Move(Move {

@@ -124,7 +124,7 @@ fn a_stop_while_the_board_is_asked_who_it_is_loses_nothing() {
     let stop = desk.say(ONE, json!({"do": "stop"}));
     desk.run(8000);
     assert!(desk.answer(ONE, stop).unwrap().is_ok());
-    assert_eq!(desk.last(ONE, "board")["extension"], 2);
+    assert_eq!(desk.last(ONE, "board")["extension"], 3);
     desk.drive(ONE);
 }
 

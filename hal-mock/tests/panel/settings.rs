@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 use super::{Desk, ONE};
 
 impl Desk {
-    fn setting(&self, name: &str) -> Value {
+    pub(crate) fn setting(&self, name: &str) -> Value {
         let settings = self.last(ONE, "settings")["settings"].as_array().unwrap();
         settings.iter().find(|setting| setting["name"] == name).unwrap().clone()
     }
 
-    fn arm(&mut self) {
+    pub(crate) fn arm(&mut self) {
         self.ask(ONE, json!({"do": "arm"})).unwrap();
     }
 }

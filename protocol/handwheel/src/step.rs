@@ -10,7 +10,7 @@ use std::time::Duration;
 
 #[cfg(feature = "cli")]
 use plotters::prelude::*;
-use protocol::extension::{MachineState, Mode, Row};
+use protocol::extension::{MachineState, Mode, Row, Setup, Trigger};
 
 use crate::client::Target;
 use crate::error::Error;
@@ -79,6 +79,15 @@ fn way(samples: &[Sample], target: i16) -> (f64, f64) {
     let start = samples.first().map_or(0.0, |sample| sample.value);
     let end = samples.last().map_or(0.0, |sample| sample.value);
     (start, unwrapped(target.into(), end as i32).into())
+}
+
+/// A recording of one motor from its next motion command on, for so long, with so many rows at the most.
+pub(crate) fn recording_of(motor: Number, time: Duration, rows: u16) -> Setup {
+    let ms = u32::try_from(time.as_millis()).unwrap_or(u32::MAX).max(1);
+    let decimation = u16::try_from(ms.div_ceil(rows.into())).unwrap_or(u16::MAX);
+    let samples = u16::try_from(ms / u32::from(decimation)).unwrap_or(rows).clamp(1, rows);
+    let channels = 1 << motor.index();
+    Setup { channels, trigger: Trigger::Motion, decimation, samples, before: 0 }
 }
 
 /// A step that is being driven, as machine states tell of it, or a recording.

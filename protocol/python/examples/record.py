@@ -1,6 +1,6 @@
 """Records how motor 1 answers a step to 4000 counts a second, every control period, and writes it as CSV.
 
-    python record.py [LINK] > step.csv        the board's firmware must have the recorder
+    python record.py [LINK] > step.csv
 """
 
 import csv
@@ -11,6 +11,7 @@ from handwheel import Board, Error, Row
 
 def main(link: str) -> None:
     with Board(link) as board:
+        board.settings["sensor 1"] = 3  # the encoder, from before the step on
         board.recorder.start([1], samples=400, before=50)
         board.motor[1].run(velocity=4000)
         rows = board.recorder.read()

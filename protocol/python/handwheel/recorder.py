@@ -53,10 +53,11 @@ class Recording(NamedTuple):
 class Row(NamedTuple):
     """A sample of one motor."""
 
-    #: Since the trigger; negative before it.
+    #: Since the trigger; negative before it, and there up to `every_ms` - 1 too early, as the trigger's
+    #: own period is sampled.
     time_ms: int
     motor: int
-    #: Counts, and counts per second.
+    #: Counts, and counts per second, of its sensor; where a motion command implies another one, they jump.
     position: int
     velocity: int
     #: By the mode: counts, counts per second, or -1 to 1 of full drive.

@@ -81,7 +81,7 @@ _VERDICTS = {
     1: "this board's version has no such request; bring its firmware up to date",
     2: "the request has the wrong length",
     3: "no setting has this number",
-    4: "the value is out of the setting's range",
+    4: "a value is out of its range",
     5: "the value contradicts another setting's; set both with `settings.update`, or the other one first",
     6: "a motor or a servo is on that must be off; `board.stop()` does that",
     7: "another request is being carried out, or another host's is: wait for its answer",

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from conftest import OtherHost, VirtualBoard, becomes
-from handwheel import Board, BoardFault, Gone, NotConfirmed, OutOfRange, Refused
+from handwheel import Board, BoardFault, Gone, NotConfirmed, OutOfRange, Refused, session
 
 #: DATA of a velocity of 4000 counts/s, and of sub-command 80 for the link timeout, number 1.
 MOTOR_1_RUNS = (0, 0xA0, 0x0F)
@@ -156,7 +156,11 @@ def test_another_host_that_takes_the_motor_or_starts_one_ends_the_drive(
     assert virtual.is_on(2) == (motor == 2), "what is not this program's goes on"
 
 
-def test_a_board_that_falls_silent_is_gone_and_the_stop_not_confirmed(virtual: VirtualBoard) -> None:
+def test_a_board_that_falls_silent_is_gone_and_the_stop_not_confirmed(
+    virtual: VirtualBoard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "_SILENCE", 1.0)
+    monkeypatch.setattr(session, "_PATIENCE", 0.2)
     with pytest.raises(NotConfirmed, match="cut the motors' supply"):
         with Board(virtual.tcp) as board:
             board.motor[1].run(velocity=4000)

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from conftest import VirtualBoard, becomes
-from handwheel import BadLink, Board, NoBoard
+from handwheel import BadLink, Board, NoBoard, board
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,8 @@ def test_a_device_that_is_not_there() -> None:
         Board("serial:/dev/no-such-device")
 
 
-def test_a_line_on_which_nobody_speaks() -> None:
+def test_a_line_on_which_nobody_speaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(board, "_HEAR", 0.05)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         with pytest.raises(NoBoard, match="open, and nobody speaks"):
             Board(f"tcp:127.0.0.1:{silent.getsockname()[1]}")

@@ -77,8 +77,8 @@ def test_what_cannot_be_recorded_is_refused_before_anything_is_sent() -> None:
 
 def test_a_step_is_recorded(virtual: VirtualBoard) -> None:
     with Board(virtual.tcp) as board:
-        if not board.recorder.is_there:
-            pytest.skip("the board's firmware has no recorder yet")
+        assert board.recorder.is_there
+        board.settings["sensor 1"] = 3  # the encoder, or the first command implies it, and the position jumps
         board.recorder.start([1], samples=300, before=20)
         assert board.recorder.state.phase == "waiting"
         board.motor[1].run(velocity=4000)
@@ -91,8 +91,6 @@ def test_a_step_is_recorded(virtual: VirtualBoard) -> None:
 
 def test_a_recording_that_waits_for_a_fault_says_so(virtual: VirtualBoard) -> None:
     with Board(virtual.tcp) as board:
-        if not board.recorder.is_there:
-            pytest.skip("the board's firmware has no recorder yet")
         board.recorder.start([1, 2], samples=50, before=10, trigger="fault")
         with pytest.raises(Refused, match="still waiting"):
             board.recorder.read(timeout=0.1)

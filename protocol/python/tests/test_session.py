@@ -79,7 +79,7 @@ def test_a_busy_board_is_asked_again_and_a_refusal_tells_why(begin: Callable[[Li
     one = begin(line)
     one.order(SAVE, "a save")
     assert len(line.written) == 2
-    with pytest.raises(Refused, match="the board refuses: the value is out of the setting's range") as refused:
+    with pytest.raises(Refused, match="the board refuses: a value is out of its range") as refused:
         one.order(SAVE, "a save")
     assert refused.value.setting == 33
 

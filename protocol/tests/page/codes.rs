@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use protocol::extension::{Fault, Mode, Origin, Reason, ResetCause, Unit, Verdict};
+use protocol::extension::{Fault, Mode, Origin, Phase, Reason, ResetCause, Trigger, Unit, Verdict};
 
 use crate::text::{table, words};
 
@@ -19,6 +19,8 @@ fn codes_have_the_numbers_and_names_of_the_page() {
     compare("Verdict", Verdict::ALL, Verdict::number);
     compare("Mode", Mode::ALL, Mode::number);
     compare("Reason", Reason::ALL, Reason::number);
+    compare("Trigger", Trigger::ALL, Trigger::number);
+    compare("Phase", Phase::ALL, Phase::number);
     compare("Reset cause", ResetCause::ALL, ResetCause::number);
     compare("Origin", Origin::ALL, Origin::number);
     compare("Unit", Unit::ALL, Unit::number);

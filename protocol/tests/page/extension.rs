@@ -3,15 +3,15 @@
 use std::num::NonZeroU8;
 
 use protocol::extension::{
-    Action, Answer, ChannelState, Counters, Description, Fault, FaultRecord, Health, Identity,
-    Latched, MachineState, Mode, Origin, Outcome, Reason, Refusals, Request, ResetCause, Unit,
-    Verdict, is_read,
+    Action, Answer, BLOCK, Block, ChannelState, Counters, Description, Fault, FaultRecord, Health,
+    Identity, Latched, MachineState, Mode, Origin, Outcome, Phase, Reason, Recording, Refusals,
+    Request, ResetCause, Row as Sample, Setup, Trigger, Unit, VERSION, Verdict, is_read,
 };
-use protocol::pms5005::{Command, Frame, MAX_FRAME, Repeat, encode_answer};
+use protocol::pms5005::{Command, Frame, MAX_FRAME, Refusal, Repeat, encode_answer};
 
 use crate::fields::{Row, fields, told};
 use crate::frames::sent;
-use crate::text::{bytes, table, words};
+use crate::text::{PAGE, bytes, table, words};
 
 #[test]
 fn the_examples_of_requests_mean_what_the_page_says() {
@@ -19,6 +19,14 @@ fn the_examples_of_requests_mean_what_the_page_says() {
     let set = [0x80, 32, 0, 20, 0, 0, 0];
     let set = protocol::extension::Assignments::parse(&set).unwrap();
     assert_eq!(set.iter().collect::<Vec<_>>(), [(32, 20)]);
+    // "Motors 1 and 3 at a motion command, 300 samples 2 ms apart, 50 of them from before it."
+    let setup = Setup {
+        channels: 0b101,
+        trigger: Trigger::Motion,
+        decimation: 2,
+        samples: 300,
+        before: 50,
+    };
     let expected = [
         ("set settings", Request::Set(set)),
         ("clear the latched faults", Request::Do(Action::ClearFaults)),
@@ -34,11 +42,12 @@ fn the_examples_of_requests_mean_what_the_page_says() {
         ("the record of a latched fault", Request::Fault(0)),
         ("machine state", Request::State(Repeat::Continuous)),
         ("refusals", Request::Refusals),
-        // TODO merge: here come the recorder's requests, DIDs 104 and 105, in two rows of their own; then
-        // the rows are as many as these.
+        ("how the recorder is", Request::Recording),
+        ("start a recording", Request::Record(setup)),
+        ("blocks of the recording", Request::Blocks { first: 0, count: 8 }),
     ];
     let rows = table("Requests", "DID");
-    assert_eq!(rows.len(), expected.len() + 1);
+    assert_eq!(rows.len(), expected.len());
     for (row, (meaning, request)) in rows.iter().zip(expected) {
         assert!(row[1].starts_with(meaning), "{}", row[1]);
         let (did, data) = (row[0].parse().unwrap(), bytes(row[3]));
@@ -103,6 +112,7 @@ fn the_bytes_of_identity_and_health_stand_where_the_page_says() {
         "settings" = (settings),
     );
     assert_eq!(told("DID 97: identity"), identity);
+    assert!(PAGE.contains(&format!("This is version {VERSION} of the extension")));
     let health = fields!(
         Health::default(),
         |health: &Health| data(Answer::Health(*health)),
@@ -231,19 +241,118 @@ fn the_machine_states_that_a_line_carries_are_counted_right() {
     }
 }
 
-// TODO merge: when the recorder is there, activate these.
-// - "This is version 3 of the extension" on the page is `VERSION`: add here
-//       assert!(PAGE.contains(&format!("This is version {VERSION} of the extension")));
-// - the row "104, 105" of "Requests" becomes two rows with examples, in `expected` above;
-// - `told("DID 104, from a host: start")`: channels u8, trigger u8, decimation u16, samples u16,
-//   before u16, by `fields!` over the request's struct;
-// - `told("DID 104, from the board: state")`: serial u8, phase u8, channels u8, trigger u8, decimation u16,
-//   samples u16, taken u16, before u16, uptime ms u32, rows u16;
-// - `told("DID 105, from a host: read")`: first u16, blocks u16;
-// - `told("DID 105, from the board: block")`: serial u8, block u16, and the row
-//   ("4 to the end", "rows", "15 bytes each") as the name is in "DID 96: setting";
-// - `told("A row")`: the first six rows of "A channel of the machine state".
+const NO_RECORDING: Recording = Recording {
+    serial: 0,
+    phase: Phase::None,
+    channels: 0,
+    trigger: Trigger::Now,
+    decimation: 0,
+    samples: 0,
+    taken: 0,
+    before: 0,
+    triggered_ms: 0,
+    capacity: 0,
+};
+
+/// DATA of a request.
+fn asked(request: Request<'_>) -> Vec<u8> {
+    let frame = sent(Command::Extension(request));
+    frame[6..frame.len() - 3].to_vec()
+}
+
 #[test]
-fn a_row_of_the_recorder_begins_as_a_channel_of_the_machine_state() {
-    assert_eq!(told("A row"), told("A channel of the machine state")[..6]);
+fn the_bytes_that_the_recorder_is_asked_by_stand_where_the_page_says() {
+    let nothing =
+        Setup { channels: 0, trigger: Trigger::Now, decimation: 0, samples: 0, before: 0 };
+    let setup = fields!(
+        nothing,
+        |setup: &Setup| asked(Request::Record(*setup)),
+        "channels" = (channels),
+        "trigger" = (trigger),
+        "decimation" = (decimation),
+        "samples" = (samples),
+        "before" = (before),
+    );
+    assert_eq!(told("DID 104, from a host: start"), setup);
+    let blocks = fields!(
+        (0, 0),
+        |&(first, count): &(u16, u16)| asked(Request::Blocks { first, count }),
+        "first" = (0),
+        "count" = (1),
+    );
+    assert_eq!(told("DID 105, from a host: read"), blocks);
+}
+
+#[test]
+fn the_bytes_that_the_recorder_tells_stand_where_the_page_says() {
+    let recording = fields!(
+        NO_RECORDING,
+        |recording: &Recording| data(Answer::Recording(*recording)),
+        "serial" = (serial),
+        "phase" = (phase),
+        "channels" = (channels),
+        "trigger" = (trigger),
+        "decimation" = (decimation),
+        "samples" = (samples),
+        "taken" = (taken),
+        "before" = (before),
+        "triggered ms" = (triggered_ms),
+        "capacity" = (capacity),
+    );
+    assert_eq!(told("DID 104, from the board: state"), recording);
+    let len = data(Answer::Recording(NO_RECORDING)).len();
+    assert!(PAGE.contains(&format!("The answer to both, {len} bytes.")));
+
+    let empty = Sample::default();
+    let mut block = fields!(
+        Block::new(0, 0, []),
+        |block: &Block| data(Answer::Block(*block)),
+        "serial" = (serial),
+        "number" = (number),
+    );
+    let row_len = data(Answer::Block(Block::new(0, 0, [empty]))).len() - 3;
+    block.push(("4 to the end".into(), "rows".into(), format!("{row_len} bytes each")));
+    assert_eq!(told("DID 105, from the board: block"), block);
+
+    // The second of a block's rows: behind serial, number and the first.
+    let row = fields!(
+        empty,
+        |row: &Sample| data(Answer::Block(Block::new(0, 0, [empty, *row])))[3 + row_len..].to_vec(),
+        "position" = (position),
+        "velocity" = (velocity),
+        "set point" = (set_point),
+        "duty" = (duty),
+        "current" = (current),
+        "mode" = (mode),
+    );
+    assert_eq!(told("A row"), row);
+    assert_eq!(row, told("A channel of the machine state")[..6]);
+}
+
+#[test]
+fn the_numbers_in_the_text_about_the_recorder_are_those_of_the_wire() {
+    let last = BLOCK - 1;
+    let rows = format!("Block n holds rows {BLOCK} n to {BLOCK} n + {last}.");
+    let block = Block::new(1, 0, [Sample::default(); BLOCK]);
+    let wire = encode_answer(&Answer::Block(block), &mut [0; MAX_FRAME]).unwrap().len();
+    let wire = format!("a whole one is {wire} bytes on the wire");
+    let most = format!("| 0 to {BLOCK} of them, see below |");
+    for text in [rows, wire, most] {
+        assert!(PAGE.contains(&text), "{text}");
+    }
+    // What is refused, and how.
+    let start = |data: &[u8]| match Command::parse(104, data) {
+        Ok(Command::Extension(Request::Record(_))) => Verdict::Done,
+        Err(Refusal::Extension(verdict)) => verdict,
+        other => panic!("{other:?}"),
+    };
+    let good = [1, 1, 1, 0, 5, 0, 4, 0];
+    assert_eq!(start(&good), Verdict::Done);
+    let bad = [(0, 0), (0, 64), (1, 3), (1, 0), (2, 0), (4, 0), (6, 5)];
+    for (place, byte) in bad {
+        let mut data = good;
+        data[place] = byte;
+        assert_eq!(start(&data), Verdict::OutOfRange, "byte {} is {byte}", place + 1);
+    }
+    assert_eq!(start(&good[..7]), Verdict::BadLength);
 }

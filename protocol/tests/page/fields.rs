@@ -2,7 +2,9 @@
 //! bytes beside it.
 
 use protocol::arcos::JointInfo;
-use protocol::extension::{ChannelState, Fault, Mode, Origin, Reason, ResetCause, Unit, Verdict};
+use protocol::extension::{
+    ChannelState, Fault, Mode, Origin, Phase, Reason, ResetCause, Trigger, Unit, Verdict,
+};
 
 use crate::text::table;
 
@@ -44,8 +46,10 @@ filled! {
     Fault = Fault::WatchdogReset, "u8";
     Mode = Mode::Velocity, "u8";
     Origin = Origin::Corrupt, "u8";
+    Phase = Phase::Done, "u8";
     Reason = Reason::OldCommand, "u8";
     ResetCause = ResetCause::Watchdog, "u8";
+    Trigger = Trigger::Fault, "u8";
     Unit = Unit::Ticks, "u8";
     Verdict = Verdict::Busy, "u8";
     ChannelState = ChannelState {

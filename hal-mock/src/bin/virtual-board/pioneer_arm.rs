@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use crate::follow::{Follower, Format, Frames};
 use crate::machine::Machine;
 use crate::options::Options;
-use crate::pms5005::latched;
+use crate::pms5005::{counted, latched};
 use crate::values::{numbers, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
@@ -92,8 +92,7 @@ impl Machine for VirtualBoard<PioneerArm> {
             "good": link.arm.good,
             "initialised": link.arm.initialised,
             "homing": link.arm.homing,
-            "link": link
-                .link
+            "link": counted(link.link, &self.snapshot())
                 .named()
                 .chain([
                     ("opened", link.opened),

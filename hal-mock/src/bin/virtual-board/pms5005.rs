@@ -5,12 +5,13 @@ use std::fmt::Write;
 
 use embassy_time::Instant;
 use firmware::channel::Channel;
-use firmware::controller::Snapshot;
+use firmware::controller::{ControlCounters, Snapshot};
 use firmware::safety::faults::Fault;
 use hal_mock::board::{Make, VirtualBoard};
 use hal_mock::plant::{FARTHEST_CM, Overrides, Scene};
 use hal_mock::scene_file;
 use hal_mock::wire::Line;
+use protocol::extension::Counters;
 use protocol::pms5005::{Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -151,7 +152,7 @@ struct State {
     servos: [ServoState; 6],
     gpio_out: u8,
     lcd: String,
-    /// What the session has counted, by name; `refused` with what the controller has refused.
+    /// What was counted, by name; `refused` with the commands that the controller has refused.
     link: BTreeMap<&'static str, u32>,
     faults: Vec<String>,
     /// How far the wall ahead is, if there is one.
@@ -184,7 +185,7 @@ impl State {
     fn of(board: &VirtualBoard) -> Self {
         let plant = board.plant.borrow();
         let snapshot = board.snapshot();
-        let link = board.link();
+        let link = counted(board.link(), &snapshot);
         let outputs = &plant.outputs;
         Self {
             t_ms: embassy_time::Instant::now().as_millis(),
@@ -208,6 +209,12 @@ impl State {
             wall_cm: plant.wall_cm().map(shown),
         }
     }
+}
+
+/// What the session has counted, with what the controller has.
+pub fn counted(link: Counters, snapshot: &Snapshot) -> Counters {
+    let ControlCounters { refused, links_lost, .. } = snapshot.counters;
+    Counters { commands_refused: refused.total(), links_lost, ..link }
 }
 
 /// What is latched, and `link_loss` for as long as it holds.

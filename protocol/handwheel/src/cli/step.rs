@@ -4,26 +4,17 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use protocol::extension::{Mode, Setup, Trigger};
+use protocol::extension::Mode;
 use serde_json::json;
 
 use super::{Context, Outcome, Quantity};
 use crate::client::Target;
 use crate::error::Error;
 use crate::number::Number;
-use crate::step::{Course, draw};
+use crate::step::{Course, draw, recording_of};
 
 /// Rows that are recorded at the most: they take some 4 s to be read at 115200 baud.
-const ROWS: u32 = 2000;
-
-/// A recording of one motor from its next command on, for so long.
-fn recording_of(motor: Number, time: Duration) -> Setup {
-    let ms = u32::try_from(time.as_millis()).unwrap_or(u32::MAX).max(1);
-    let decimation = u16::try_from(ms.div_ceil(ROWS)).unwrap_or(u16::MAX);
-    let samples = (ms / u32::from(decimation)).clamp(1, ROWS) as u16; // 2000 at the most
-    let channels = 1 << motor.index();
-    Setup { channels, trigger: Trigger::Motion, decimation, samples, before: 0 }
-}
+const ROWS: u16 = 2000;
 
 impl Context<'_, '_> {
     /// The motor is stopped at the end, whatever happens.
@@ -65,7 +56,7 @@ impl Context<'_, '_> {
         let mut course = Course::new(motor, what);
         // What older boards tell is a machine state every 20 ms.
         let recording = match client.has_recorder() {
-            true => Some(client.record(recording_of(motor, time))?),
+            true => Some(client.record(recording_of(motor, time, ROWS))?),
             false => None,
         };
         self.holds();

@@ -5,7 +5,7 @@ use std::time::Duration;
 use protocol::extension::ChannelState;
 
 use super::hand::Hand;
-use super::job::{Job, Refused};
+use super::job::{Job, Refused, set_back};
 use super::procedure::{Before, POLARITY, numbered};
 use crate::motion::target::Target;
 use crate::number::Number;
@@ -76,8 +76,7 @@ async fn once(hand: &mut Hand, most: f64) -> Result<Checked, Refused> {
     };
     let off = hand.end().await;
     let back = before.restore(hand, &[]).await;
-    let checked = checked?;
-    off.and(back).map(|()| checked)
+    set_back(checked, off.and(back))
 }
 
 /// Drives both ways for a moment each.

@@ -206,6 +206,31 @@ impl<T> Job<T> {
         look(&self.shared).watches
     }
 
+    /// What asks for machine states, when that is due: send it, without waiting for an answer.
+    pub fn renewal(&mut self, now: Duration) -> Option<Command<'static>> {
+        if !self.watches() || now < self.renew {
+            return None;
+        }
+        self.renew = now + RENEW;
+        Some(Command::Extension(Request::State(Repeat::Times(STATES))))
+    }
+
+    /// The same job with another kind of outcome. To be called before it begins.
+    pub fn map<U>(self, change: impl FnOnce(T) -> U + Send + 'static) -> Job<U>
+    where
+        T: Send + 'static,
+    {
+        let Self { shared, procedure, outcome, renew, life } = self;
+        let procedure: Procedure<U> = Box::pin(async move {
+            let outcome = match procedure {
+                Some(procedure) => Some(procedure.await),
+                None => outcome,
+            };
+            outcome.unwrap_or_else(|| Err(Refused::Stopped("it is over".into()))).map(change)
+        });
+        Job { shared, procedure: Some(procedure), outcome: None, renew, life }
+    }
+
     /// What it is about, for people.
     pub fn doing(&self) -> &'static str {
         look(&self.shared).doing
@@ -233,9 +258,8 @@ impl<T> Job<T> {
                 event => self.see(&event),
             }
         }
-        if self.watches() && now >= self.renew {
-            self.renew = now + RENEW;
-            session.send(&Command::Extension(Request::State(Repeat::Times(STATES))));
+        if let Some(command) = self.renewal(now) {
+            session.send(&command);
         }
         if let Some(ask) = self.advance(now)
             && let Err(failure) = ask.begin(session, now)
@@ -249,6 +273,21 @@ impl<T> Job<T> {
         }
     }
 }
+
+/// What came of a procedure, and of setting everything back behind it.
+pub(super) fn set_back<T>(
+    found: Result<T, Refused>,
+    back: Result<(), Refused>,
+) -> Result<T, Refused> {
+    match (found, back) {
+        (found, Ok(())) => found,
+        (Ok(_), Err(why)) => Err(Refused::Line(format!("{why}; {LEFT}"))),
+        (Err(refused), Err(why)) => Err(Refused::Line(format!("{refused}; {why}; {LEFT}"))),
+    }
+}
+
+/// What is to be done when it was not.
+const LEFT: &str = "its settings were not set back: restart the board, or restore them";
 
 /// In words, what a board refused.
 pub(super) fn refusal(failure: Failure, what: &'static str) -> Refused {

@@ -14,7 +14,7 @@ use super::check::{Checked, REST, both_ways};
 use super::fit::{Fit, Record, fit};
 use super::gains::{Design, Loop, Step, design, every_period, expect};
 use super::hand::Hand;
-use super::job::{Job, Refused};
+use super::job::{Job, Refused, set_back};
 use super::model::{Motor, PERIOD};
 use crate::motion::target::Target;
 use crate::number::Number;
@@ -64,6 +64,11 @@ pub struct Tuned {
 }
 
 impl Tuned {
+    /// What the values were to be.
+    pub fn predicted(&self) -> Vec<f64> {
+        expected(&self.design, self.interval, self.values.len())
+    }
+
     /// What the loop is expected to make of another step, in this time.
     pub fn expects(&self, step: Step, time: Duration) -> Option<Response> {
         expect(&self.fit.motor, self.control_loop, self.design.gains, step, time)
@@ -246,8 +251,7 @@ pub fn tune(options: Options) -> Job<Tuned> {
             _ => &[],
         };
         let back = before.restore(&hand, kept).await;
-        let tuned = tuned?;
-        off.and(back).map(|()| tuned)
+        set_back(tuned, off.and(back))
     })
 }
 
@@ -481,7 +485,7 @@ fn compare(
     const SETTLING: f64 = 1.2;
     const APART: f64 = 0.12;
     let every = (interval / PERIOD).round() as usize;
-    let expected: Vec<_> = design.seen.iter().copied().step_by(every).take(values.len()).collect();
+    let expected = expected(design, interval, values.len());
     let width = if control_loop == Loop::Velocity { (MEAN / interval) as usize } else { 1 };
     let (values, expected) = (means(values, width), means(&expected, width));
     let told = |values: &[f64]| {
@@ -512,6 +516,12 @@ fn compare(
         (None, _) => return unconfirmed("it did not settle".into()),
     }
     Ok(was)
+}
+
+/// So many values of what the board was to see, a sample every so many seconds.
+fn expected(design: &Design, interval: f64, count: usize) -> Vec<f64> {
+    let every = (interval / PERIOD).round() as usize;
+    design.seen.iter().copied().step_by(every).take(count).collect()
 }
 
 /// Each the mean of so many about it.

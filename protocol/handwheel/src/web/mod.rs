@@ -25,6 +25,9 @@
 //! | `drive` | `motor`, one of `velocity` (counts/s), `position` (counts), `duty` (percent); `ms` of ramp, 0 | yes | motor runs until it is told otherwise; ok null when acknowledged |
 //! | `off` | `motor` | yes | stops this one |
 //! | `step` | `motor`, `velocity` or `position`, `ms`: how long, 2000 | yes | ok as [below](#a-step) when it is over; the motor is stopped then |
+//! | `plan` | `motor` | no | what tuning it will do at the most: ok `{"moves": "turns", "seconds"}`, it turns freely, for so long in all; or `{"moves": "stays", "counts"}`, it stays within so many counts of where it stands |
+//! | `check` | `motor`, `duty`: percent at the most, 50; `set_polarity`, false: whether it may be turned round | yes | a moment of duty each way; ok as [below](#a-check) at its end |
+//! | `tune` | `motor`, `duty`: percent at the most, 50; `loop`: `"velocity"` or `"position"`, by its sensor | yes | finds the motor, gains for it, and confirms them by a step; ok as [below](#a-tuning) at its end. All settings are then as before: `set` puts what was found in force |
 //! | `servo` | `servo`, `us`, `ms` | yes | a pulse in microseconds, which holds; null is no pulse |
 //! | `gpio` | `outputs`: 0 to 255 | yes | bit 0 is GPIO0 |
 //! | `lcd` | `image`: 2048 hex digits | yes | sixteen parts of 64 columns as DID 23 has them |
@@ -52,6 +55,7 @@
 //! | `faults` | `faults`: a list of `number`, `name`, `whose`, `motor` (or null), `ms`, `remedy`, `values`: `[NAME, NUMBER]` pairs |
 //! | `settings` | `settings`: a list of `name`, `group`, `value`, `default`, `low`, `high`, `unit` (words); `unsaved`: whether something was set since the last save |
 //! | `outputs` | what pages here have set, as the wire does not tell it: `gpio` (or null), `lcd` (or null) |
+//! | `job` | what is being checked or tuned: `motor` (null: nothing is), `what` (`"check"`, `"tune"`), `doing` (words), `has_state`: whether `state` comes meanwhile |
 //! | `note` | `text`: what happened by itself, as a stop and why |
 //! | `joints` | of an arm: `powered`, `connected`, `joints`: six of `position` (ticks), `moving` |
 //! | `servos` | of a CM-5: a list of `id` and, if it reports, `position`, `speed`, `load`, `voltage_v`, `temperature_c` |
@@ -59,7 +63,26 @@
 //!
 //! ## A step
 //! `{"motor", "unit", "target", "samples": [[MS, VALUE, PERCENT OF DUTY]], "rise_ms", "overshoot_percent", "settling_ms",
-//! "steady_error", "why"}`; rise and settling are null if they never came, `why` is what limited it at the end, or null.
+//! "steady_error", "why"}`; rise and settling are null if they never came, `why` is what limited it at the end, or null. A board
+//! that records has been asked for every few ms, another for a machine state every 20 ms.
+//!
+//! ## A check
+//! `{"motor", "ways": [{"moved", "current", "duty"}, ...], "has_current", "turned_round"}`: with rising counts and with
+//! falling ones, how many counts it moved as it should, the current (A/D) above that at rest and the highest duty in percent;
+//! whether a current was seen; whether setting "polarity" was turned round. What is wrong with the wiring is an error.
+//!
+//! A check or a tuning wants its motor off, nothing else driven from a page, a board that tells its machine state and has a recorder
+//! (extension 3). While it runs nothing is driven or set from a page. It ends as any drive from a page does; the answer is
+//! an error then, and the settings are set back, unless the board is gone.
+//!
+//! ## A tuning
+//! - `motor`, `loop`, `unit` and `target` of the step that confirmed it, `checked`: as above without `motor`;
+//! - `fit`: `gain` (counts/s at full drive), `time_constant_ms`, `dead_time_ms`, `dead_band` (percent of duty, with rising and
+//!   with falling counts), `percent` of the motion that this explains;
+//! - `gains`: `kp`, `kd`, `reset_ms` (null of a position loop); `settings`: a list of `number`, `name`, `before`, `value`, all
+//!   that makes it so;
+//! - `predicted`, `measured`: `rise_ms`, `overshoot_percent`, `settling_ms`, `steady_error` of the step;
+//! - `curves`: `measured` and `predicted`, a value every `interval_ms`.
 
 mod host;
 mod http;

@@ -6,3 +6,4 @@ mod faults;
 mod lcd;
 mod pictures;
 mod settings;
+mod tuning;

@@ -1,5 +1,5 @@
-// A step's curve on a canvas: the value with its target above, the duty below; the step before it stays, faint
-// and dashed.
+// A step's curve on a canvas: the value with its target above, the duty below if samples have one; the step before
+// it stays, faint and dashed; what was predicted is dashed above it, in its own colour.
 
 import { color, label, nice, prepare, rule, whole } from "/chart.js";
 
@@ -17,7 +17,8 @@ export function draw(canvas, step, before) {
   const low = Math.floor(Math.min(...values) / unit) * unit;
   const high = Math.ceil(Math.max(...values) / unit + 0.2) * unit;
   const bottom = height - FOOT;
-  const split = bottom * 0.72;
+  const hasDuty = step.samples[0].length > 2;
+  const split = hasDuty ? bottom * 0.72 : bottom;
   const x = (ms) => LEFT + (ms / lasts) * (width - LEFT - 8);
   const y = (value) => split - 6 - ((value - low) / (high - low)) * (split - 12);
   const yDuty = (duty) => bottom - 4 - ((duty + 105) / 210) * (bottom - split - 8);
@@ -32,8 +33,8 @@ export function draw(canvas, step, before) {
     label(context, `${time} ms`, Math.min(x(time), width - 20), bottom + FOOT / 2 + 1, time ? "center" : "left");
   }
   rule(context, LEFT, split, width, split, "--line");
-  rule(context, LEFT, yDuty(0), width, yDuty(0), "--line");
-  for (const duty of [100, 0, -100]) label(context, `${String(duty).replace("-", "−")} %`, LEFT - 5, yDuty(duty), "right", "--duty");
+  if (hasDuty) rule(context, LEFT, yDuty(0), width, yDuty(0), "--line");
+  for (const duty of hasDuty ? [100, 0, -100] : []) label(context, `${String(duty).replace("-", "−")} %`, LEFT - 5, yDuty(duty), "right", "--duty");
 
   const plot = (samples, pick, name, dash, width) => {
     context.beginPath();
@@ -49,14 +50,15 @@ export function draw(canvas, step, before) {
     plot([[0], [lasts]], () => y(s.target), "--set-point", [6, 4], 1.5);
     context.globalAlpha = 1;
   };
-  if (steps[1]) {
+  if (steps[1] && !steps[1].color) {
     context.globalAlpha = 0.45;
     plot(steps[1].samples, (s) => y(s[1]), "--value", [3, 3], 1.5);
-    plot(steps[1].samples, (s) => yDuty(s[2]), "--duty", [3, 3], 1);
+    if (hasDuty) plot(steps[1].samples, (s) => yDuty(s[2]), "--duty", [3, 3], 1);
     context.globalAlpha = 1;
     if (steps[1].target !== step.target) target(steps[1], 0.4);
   }
   target(step, 1);
   plot(step.samples, (s) => y(s[1]), "--value", [], 2);
-  plot(step.samples, (s) => yDuty(s[2]), "--duty", [], 1.25);
+  if (steps[1]?.color) plot(steps[1].samples, (s) => y(s[1]), steps[1].color, [4, 4], 1.5);
+  if (hasDuty) plot(step.samples, (s) => yDuty(s[2]), "--duty", [], 1.25);
 }

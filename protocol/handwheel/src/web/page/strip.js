@@ -51,7 +51,7 @@ function general() {
   const state = told("state");
   if (!told("socket")?.open) lines.push(["bad", "No connection to handwheel: it stops what this page drove; if it has ended, the board does by its link timeout. The page tries again every second."]);
   else if (board && !board.connected) lines.push(["bad", `No board: ${board.why ?? "it does not answer"}`]);
-  else if (board?.has_state && state && performance.now() - lastState > STALE_MS) lines.push(["bad", "The board's state has not come for a second: what you see is old"]);
+  else if (board?.has_state && told("job")?.has_state !== false && state && performance.now() - lastState > STALE_MS) lines.push(["bad", "The board's state has not come for a second: what you see is old"]);
   if (state?.obstacle) lines.push(["warn", "An obstacle is in the way: collision protection holds the wheels back"]);
   if (board?.connected && board.has_state === false && board.kind === "pms5005") lines.push(["warn", "This board tells no state of its motors (older firmware): charts show what its telemetry has"]);
   return lines;
@@ -103,6 +103,10 @@ export function start() {
     lastState = performance.now();
     reasons = state.motors.flatMap((motor, i) => (motor.reason ? [[i + 1, motor.reason]] : []));
     render();
+  });
+  // While a tuning reads its recording no state comes.
+  on("job", () => {
+    lastState = performance.now();
   });
   for (const name of ["socket", "board"]) on(name, render);
   setInterval(render, 500);

@@ -8,6 +8,7 @@ import { fill, HEAD } from "/field.js";
 import { save } from "/files.js";
 import { draw } from "/curve.js";
 import { onColors } from "/chart.js";
+import * as selftune from "/selftune.js";
 
 const LONGEST_MS = 60_000;
 const UNITS = { velocity: "counts/s", position: "counts" };
@@ -56,6 +57,7 @@ function pick(wanted) {
   for (const each of picks) each.setAttribute("aria-pressed", String(Number(each.dataset.pick) === motor));
   showSettings();
   showSteps();
+  selftune.pick(motor);
 }
 
 function gains(name) {
@@ -118,6 +120,7 @@ export function start() {
   panel.append(
     el("div", { class: "picks", role: "group", "aria-label": "Which motor" }, ...picks, now, unsaved,
       writer(button("Save", () => save(), { id: "tune-save", "aria-label": "Save all settings" }))),
+    selftune.make(),
     el("div", { class: "two" },
       el("div", { class: "card scrolls" }, el("p", { class: "dim", text: HINT }), el("table", { class: "settings" }, HEAD(), body)),
       el("div", { class: "card step" },

@@ -57,7 +57,7 @@ pub(super) struct Board {
     due: Duration,
     is_asked: bool,
     /// When machine states are asked for anew.
-    renew: Duration,
+    pub(super) renew: Duration,
     arm: Option<Arm>,
     /// Frames and bytes so far, when that was, and what that is in a second.
     counted: (u64, u64, Duration),
@@ -134,6 +134,7 @@ impl Panel {
         match event {
             Event::State(state) => {
                 self.see(event);
+                self.job_sees(event);
                 self.tell_state(state);
             }
             Event::Report(report) => {
@@ -151,17 +152,14 @@ impl Panel {
             Event::Packet(id, data) => self.take_status(*id, data),
             Event::Servos(ids) => self.tell_servos(ids, &[]),
             Event::Feedback(told) => self.tell_servos(&[], told),
-            Event::Block(_) | Event::Heard(_) | Event::Answered(_) | Event::Failed(_) => {}
+            Event::Block(_) => self.job_sees(event),
+            Event::Heard(_) | Event::Answered(_) | Event::Failed(_) => {}
         }
     }
 
     /// Asks what is due.
     pub(super) fn poll(&mut self) {
-        if self.has_state() && self.now >= self.board.renew {
-            self.board.renew = self.now + RENEW;
-            let often = Repeat::Times(NonZeroU8::MAX);
-            self.session.send(&Command::Extension(Request::State(often)));
-        }
+        self.poll_states();
         self.open_arm();
         if std::mem::take(&mut self.board.asks_who) {
             self.ask(&Request::Identity, Purpose::Board(Asked::Identity));
@@ -186,6 +184,19 @@ impl Panel {
             self.ask(&Request::Refusals, Purpose::Board(Asked::Refusals));
         } else {
             self.tell_health();
+        }
+    }
+
+    /// Asks for machine states; a job has them while it wants them, as they take half of the line.
+    fn poll_states(&mut self) {
+        if let Some(running) = self.motion.job.as_mut().filter(|running| !running.is_stopped()) {
+            if let Some(command) = running.renewal(self.now) {
+                self.session.send(&command);
+            }
+        } else if self.has_state() && self.now >= self.board.renew {
+            self.board.renew = self.now + RENEW;
+            let often = Repeat::Times(NonZeroU8::MAX);
+            self.session.send(&Command::Extension(Request::State(often)));
         }
     }
 

@@ -20,6 +20,8 @@ pub(super) enum Purpose {
     Servo(Asker),
     /// A part of a picture; the last one's page waits.
     Lcd(Option<Asker>),
+    /// That a step is to be recorded.
+    Record,
     /// A motion command, numbered; of a step nobody waits for it.
     Drive(Number, u64, Option<Asker>),
     /// The acknowledged part of a stop of everything, and of one motor.
@@ -29,6 +31,8 @@ pub(super) enum Purpose {
     /// Of this reading of all settings.
     ReadSetting(u64),
     Change,
+    /// What a job asks.
+    Job,
     /// Nobody waits.
     Quiet,
 }
@@ -73,6 +77,8 @@ impl Panel {
             Purpose::Board(asked) => self.board_tells(asked, result),
             Purpose::ReadSetting(reading) => self.setting_is_read(reading, result),
             Purpose::Change => self.change_goes_on(result),
+            Purpose::Job => self.job_is_answered(result),
+            Purpose::Record => self.step_is_recorded(result),
             Purpose::Quiet => {}
         }
     }
@@ -98,6 +104,9 @@ impl Panel {
     }
 
     fn tell_dropped(&mut self, purpose: &Purpose, why: &str) {
+        if matches!(purpose, Purpose::Job) {
+            self.job_is_dropped();
+        }
         if let Purpose::Page(asker, _)
         | Purpose::Keep(asker, _)
         | Purpose::Servo(asker)

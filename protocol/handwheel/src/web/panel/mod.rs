@@ -8,10 +8,13 @@
 //! - a stop goes before everything else, from any page;
 //! - what is ours is stopped when its page disarms, closes, or is not heard for [`ALIVE`], and when another host
 //!   takes a motor of ours or starts another;
-//! - signs of life are sent while something is ours, and only then.
+//! - signs of life are sent while something is ours, and only then;
+//! - what a check or a tuning has set is set back, however it ends, unless the board is gone.
 
 mod board;
 mod exchanges;
+mod found;
+mod job;
 mod message;
 mod motion;
 mod outputs;
@@ -173,6 +176,11 @@ impl Panel {
                     return Err("only a virtual board has a world that can be changed".into());
                 }
                 self.world.push_back((asker, set.clone()));
+            }
+            "plan" => {
+                self.needs_a_board()?;
+                let plan = self.plan_of(object)?;
+                self.answer(asker, Ok(plan));
             }
             "settings" | "backup" | "diff" => {
                 self.needs_a_board()?;

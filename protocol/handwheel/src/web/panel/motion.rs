@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
-use protocol::extension::{MachineState, Mode};
+use protocol::extension::{MachineState, Mode, Recording, Request};
 use protocol::pms5005::CHANNELS;
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use super::exchanges::Purpose;
+use super::found::stepped;
+use super::job::Running;
 use super::message::{member, ms, number};
 use super::stop::{Ending, Stop};
 use super::{ALIVE, Asker, PageId, Panel};
@@ -14,8 +16,8 @@ use crate::client::{Target, on};
 use crate::error::Error;
 use crate::motion::shafts::Shafts;
 use crate::motion::watch::Watch;
-use crate::session::{Event, Personality, sign_of_life};
-use crate::step::{Course, Sample};
+use crate::session::{Event, Failure, Personality, Reply, sign_of_life};
+use crate::step::{Course, recording_of};
 use crate::{Number, client};
 
 /// After which silence an armed page that drives nothing is disarmed.
@@ -33,6 +35,7 @@ pub(super) struct Motion {
     pub(super) shafts: Shafts,
     pub(super) stop: Option<Stop>,
     pub(super) step: Option<Step>,
+    pub(super) job: Option<Running>,
     /// Until when servos are on the way where a page has sent them.
     pub(super) ramps: [Duration; CHANNELS],
     /// Counts the motion commands, so that each knows its own acknowledgement.
@@ -57,25 +60,34 @@ pub(super) struct Step {
     /// When it was acknowledged.
     begun: Option<Duration>,
     course: Course,
+    /// Its recording, if the board makes one.
+    recording: Option<Recording>,
 }
+
+/// Rows of a step that are recorded at the most: they take a second to be read at 115200 baud.
+const ROWS: u16 = 500;
 
 impl Motion {
     pub(super) fn armed_page(&self) -> Option<PageId> {
         self.armed.map(|(page, _)| page)
     }
 
-    /// Whether a motor is driven from a page.
+    /// Whether a motor is driven from a page, or a job has it.
     pub(super) fn is_ours(&self, motor: Number) -> bool {
-        self.ours[motor.index()].is_some()
+        let is_its = self.job.as_ref().is_some_and(|running| running.motor == motor);
+        self.ours[motor.index()].is_some() || is_its
     }
 
     fn is_driving(&self) -> bool {
-        self.ours.iter().any(Option::is_some)
+        self.ours.iter().any(Option::is_some) || self.job.as_ref().is_some_and(Running::is_driving)
     }
 
     /// Whether nothing is driven or being stopped.
     pub(super) fn is_at_rest(&self) -> bool {
-        !self.is_driving() && self.ending.iter().all(Option::is_none) && self.stop.is_none()
+        !self.is_driving()
+            && self.ending.iter().all(Option::is_none)
+            && self.stop.is_none()
+            && self.job.is_none()
     }
 
     /// What is driven from a page, or being stopped for one.
@@ -162,6 +174,7 @@ impl Panel {
         object: &Map<String, Value>,
     ) -> Result<(), String> {
         let motor = member(object, "motor")?;
+        self.needs_no_job()?;
         let (target, ramp) = (target(object)?, ms(object, "ms", 0, i64::from(u16::MAX))?);
         if self.motion.step.as_ref().is_some_and(|step| step.motor == motor) {
             return Err(format!("motor {motor} makes a step: wait for its end, or stop it"));
@@ -199,7 +212,7 @@ impl Panel {
     }
 
     /// Signs of life keep everything running, whoever drives it.
-    fn tell_others(&mut self) {
+    pub(super) fn tell_others(&mut self) {
         let ours = self.motion.all_of_ours();
         let others: Vec<_> = Number::all()
             .filter(|motor| self.motion.on[motor.index()] && !ours.contains(motor))
@@ -240,6 +253,7 @@ impl Panel {
 
     pub(super) fn step(&mut self, asker: Asker, object: &Map<String, Value>) -> Result<(), String> {
         let motor = member(object, "motor")?;
+        self.needs_no_job()?;
         let target = target(object)?;
         let time = match object.get("ms") {
             None => Duration::from_secs(2),
@@ -257,9 +271,14 @@ impl Panel {
         if !self.has_state() {
             return Err("this board tells no machine state to sample".into());
         }
+        if self.has_recorder() {
+            let setup = recording_of(motor, time, ROWS);
+            self.ask(&Request::Record(setup), Purpose::Record);
+        }
         self.begin(motor, target, Duration::ZERO, None)?;
         let course = Course::new(motor, target);
-        self.motion.step = Some(Step { asker, motor, time, begun: None, course });
+        let recording = None;
+        self.motion.step = Some(Step { asker, motor, time, begun: None, course, recording });
         Ok(())
     }
 
@@ -271,22 +290,21 @@ impl Panel {
     }
 
     fn end_step(&mut self) {
-        let Some(step) = self.motion.step.take() else { return };
-        self.end(step.motor, None, "");
-        let result = step.course.response().map_err(|error| error.to_string());
-        let percent = |duty: f64| (duty * 1000.0).round() / 10.0;
-        let row = |s: &Sample| json!([s.time.as_millis() as u64, s.value, percent(s.duty)]);
-        let samples: Vec<_> = step.course.samples().iter().map(row).collect();
-        let ms = |time: Option<Duration>| time.map(|time| time.as_millis() as u64);
-        let told = result.map(|(found, aim)| {
-            json!({
-                "motor": step.motor.index() + 1, "unit": step.course.unit(), "target": aim,
-                "samples": samples, "rise_ms": ms(found.rise),
-                "overshoot_percent": found.overshoot_percent, "settling_ms": ms(found.settling),
-                "steady_error": found.steady_error, "why": step.course.why,
-            })
-        });
-        self.answer(step.asker, told);
+        let Some(Step { asker, motor, course, recording, .. }) = self.motion.step.take() else {
+            return;
+        };
+        self.end(motor, None, "");
+        match recording {
+            None => self.answer(asker, stepped(motor, &course)),
+            Some(recording) => self.read_step(asker, motor, course, &recording),
+        }
+    }
+
+    /// What came of the question for a recording of the step; without one machine states tell of it.
+    pub(super) fn step_is_recorded(&mut self, result: Result<Reply, Failure>) {
+        if let (Some(step), Ok(Reply::Recording(recording))) = (&mut self.motion.step, result) {
+            step.recording = Some(recording);
+        }
     }
 
     /// Signs of life while something is ours, as often as the board wants them.
@@ -352,6 +370,7 @@ impl Panel {
         }
         self.advance_endings();
         self.advance_stop();
+        self.advance_job();
     }
 }
 

@@ -27,6 +27,7 @@ impl Panel {
         match what {
             "drive" => self.drive(asker, object),
             "step" => self.step(asker, object),
+            "check" | "tune" => self.begin_job(what, asker, object),
             "off" => {
                 let motor = member(object, "motor")?;
                 self.end(motor, Some(asker), "it was switched off");
@@ -43,6 +44,7 @@ impl Panel {
             }
             "zero" => {
                 let motor = member(object, "motor")?;
+                self.needs_no_job()?;
                 let request = Request::SetCount { channel: motor.channel().number(), count: 0 };
                 self.ask(&request, Purpose::Page(asker, "a new count"));
                 Ok(())

@@ -73,6 +73,23 @@ impl Tuning {
         self.change.is_some()
     }
 
+    /// Values that are known to be in force; whether any is another one than before.
+    pub(super) fn put_values(&mut self, values: &[(u16, i32)]) -> bool {
+        let mut differs = false;
+        for known in &mut self.list {
+            let value = values.iter().rfind(|(number, _)| *number == known.number);
+            if let Some((_, value)) = value.filter(|(_, value)| *value != known.value) {
+                (known.value, differs) = (*value, true);
+            }
+        }
+        differs
+    }
+
+    /// Whether all of them are being read.
+    pub(super) fn is_reading(&self) -> bool {
+        self.reading.is_some()
+    }
+
     fn put(&mut self, setting: Setting) {
         if let Some(known) = self.list.iter_mut().find(|known| known.number == setting.number) {
             *known = setting;
@@ -117,6 +134,8 @@ impl Panel {
         object: &Map<String, Value>,
     ) -> Result<(), String> {
         self.needs_list()?;
+        // What a job has set for itself is not to be saved, nor what it sets back to be lost.
+        self.needs_no_job()?;
         match what {
             "save" => {
                 let save = Request::Do(Action::Save);
@@ -160,7 +179,7 @@ impl Panel {
         }
     }
 
-    fn needs_list(&self) -> Result<(), String> {
+    pub(super) fn needs_list(&self) -> Result<(), String> {
         self.needs_extension()?;
         if self.settings.change.is_some() {
             return Err("settings are being changed: wait for that to end".into());
@@ -312,7 +331,8 @@ impl Panel {
     /// Reads on.
     pub(super) fn advance_settings(&mut self) {
         let Some(reading) = &mut self.settings.reading else { return };
-        if reading.is_asked || self.settings.change.is_some() {
+        // What a job has set is soon set back.
+        if reading.is_asked || self.settings.change.is_some() || self.motion.job.is_some() {
             return;
         }
         let next = match reading.list.last() {

@@ -68,6 +68,10 @@ impl Panel {
         // A command that is repeated would drive it again.
         self.withdraw(|purpose| matches!(purpose, Purpose::Drive(of, ..) if *of == motor), why);
         self.give_up_step(motor, why);
+        if self.motion.job.as_ref().is_some_and(|running| running.motor == motor) {
+            self.withdraw(|purpose| matches!(purpose, Purpose::Job), why);
+            self.stop_job(why);
+        }
         let mut askers =
             self.motion.ending[index].take().map_or(Vec::new(), |ending| ending.askers);
         askers.extend(asker);
@@ -182,6 +186,7 @@ impl Panel {
         if let Some(motor) = self.motion.step.as_ref().map(|step| step.motor) {
             self.give_up_step(motor, "a stop came first");
         }
+        self.stop_job("a stop came first");
         let endings: Vec<_> = self.motion.ending.iter_mut().filter_map(Option::take).collect();
         endings.into_iter().for_each(|ending| self.answer_all(ending.askers, result));
         self.live();
@@ -191,6 +196,7 @@ impl Panel {
     pub(super) fn lose_motion(&mut self, why: &str) {
         let unknown = Err(Error::NoBoard(why.to_owned()).of_a_stop().to_string());
         self.drop_motion(&unknown);
+        self.lose_job(why);
         if let Some(stop) = self.motion.stop.take() {
             self.answer_all(stop.askers, &unknown);
         }

@@ -102,6 +102,7 @@ impl Panel {
             self.faults_json(),
             self.settings_json(),
             self.outputs_json(),
+            self.job_json(),
         ];
         all.iter().for_each(|message| self.tell_one(page, message));
     }
@@ -260,6 +261,6 @@ fn setting(setting: &Setting) -> Value {
 }
 
 /// A number with as many digits as are worth telling.
-fn rounded(value: f64, parts: f64) -> f64 {
+pub(super) fn rounded(value: f64, parts: f64) -> f64 {
     (value * parts).round() / parts
 }
