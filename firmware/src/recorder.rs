@@ -250,7 +250,8 @@ impl<R: Rows> Recorder<R> {
         }
         // The newest lies before `next`, the oldest `taken` before that.
         let ring = usize::from(setup.samples);
-        let place = (usize::from(self.next) + ring - usize::from(taken) + sample) % ring;
+        let ahead = usize::from(self.next) + ring - usize::from(taken) + sample;
+        let place = ahead.checked_rem(ring)?;
         self.rows.as_ref().get(place * channels + channel).copied()
     }
 }

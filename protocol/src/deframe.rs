@@ -186,8 +186,10 @@ impl<F: Framing, const N: usize> Deframer<F, N> {
 
     /// Drops the first `count` of the bytes held.
     fn drop_front(&mut self, count: usize) {
-        if count < self.held {
-            self.buffer.copy_within(count..self.held, 0);
+        if let Some(held) = self.buffer.get_mut(..self.held)
+            && count < held.len()
+        {
+            held.copy_within(count.., 0);
         }
         self.held = self.held.saturating_sub(count);
     }

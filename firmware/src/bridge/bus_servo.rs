@@ -302,7 +302,7 @@ impl BusServo {
             (Stage::Write { count: bytes, .. }, _) => {
                 count(&mut self.counters.eeprom_bytes, bytes.into());
                 self.writes_left = self.writes_left.saturating_sub(1);
-                self.from = now + EEPROM_BYTE * bytes.into();
+                self.from = now.saturating_add(EEPROM_BYTE * bytes.into());
                 self.stage = Stage::Check;
                 false
             }
@@ -340,8 +340,8 @@ impl BusServo {
                 if self.is_missing() {
                     self.stage = Stage::Check;
                     self.writes_left = self.writes_left.max(WRITES_AFTER_RETURN);
-                    self.from = now + self.probe;
-                    self.probe = (self.probe * 2).min(LAST_PROBE);
+                    self.from = now.saturating_add(self.probe);
+                    self.probe = self.probe.checked_mul(2).unwrap_or(LAST_PROBE).min(LAST_PROBE);
                 }
                 false
             }
@@ -399,7 +399,7 @@ impl BusServo {
                 Stage::Write { address, count }
             }
             Some(_) => {
-                self.from = now + LAST_PROBE;
+                self.from = now.saturating_add(LAST_PROBE);
                 Stage::Check
             }
         };

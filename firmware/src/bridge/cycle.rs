@@ -126,7 +126,7 @@ impl Cycle {
                     if core::mem::take(&mut self.worked) {
                         Turn::Servos
                     } else {
-                        Turn::Rest(now + IDLE)
+                        Turn::Rest(now.saturating_add(IDLE))
                     }
                 }
                 Turn::Rest(_) => Turn::Servos,
@@ -148,7 +148,7 @@ impl Cycle {
         for servo in roster.behind(self.behind) {
             let Some(data) = block.data(servo) else { continue };
             let Ok(room) = writer.servo(servo.id) else { break };
-            room.copy_from_slice(data);
+            room.iter_mut().zip(data).for_each(|(to, from)| *to = *from); // of one length
             last = Some(servo.id);
         }
         Ok((writer.finish()?, last))

@@ -167,7 +167,8 @@ impl Exchange {
         self.instruction.extend_from_slice(packet).ok()?;
         self.expected = expected;
         self.phase = Phase::Echo(0);
-        self.deadline = now + BYTE * packet.len() as u32 + ECHO_SLACK; // up to 143
+        let packet_takes = BYTE * packet.len() as u32; // up to 143
+        self.deadline = now.saturating_add(packet_takes).saturating_add(ECHO_SLACK);
         self.limit = Instant::MAX;
         count(&mut self.counters.instructions, 1);
         Some(packet)
@@ -180,7 +181,7 @@ impl Exchange {
                 Phase::Echo(echoed) => {
                     let expected = self.instruction.get(echoed..).unwrap_or_default();
                     let same = expected.iter().zip(*bytes).take_while(|(a, b)| a == b).count();
-                    *bytes = &bytes[same..]; // no more than there are
+                    *bytes = bytes.get(same..).unwrap_or_default(); // no more than there are
                     if same == expected.len() {
                         if let Some(ending) = self.sent(now) {
                             return Some(ending);
@@ -193,9 +194,9 @@ impl Exchange {
                 }
                 Phase::Answer(expected, since) => {
                     self.heard = true;
-                    self.deadline = self.deadline.max(now + NEXT_BYTE);
+                    self.deadline = self.deadline.max(now.saturating_add(NEXT_BYTE));
                     while let Some(packet) = self.receiver.receive(bytes) {
-                        let ending = expected.judge(packet, now - since);
+                        let ending = expected.judge(packet, now.saturating_duration_since(since));
                         if ending.is_some() {
                             self.phase = Phase::Idle;
                             return ending;
@@ -205,7 +206,7 @@ impl Exchange {
                 }
                 Phase::Idle | Phase::Collision => {
                     count(&mut self.counters.stray_bytes, bytes.len() as u32); // far fewer than 2^32
-                    self.deadline = now + QUIET;
+                    self.deadline = now.saturating_add(QUIET);
                     *bytes = &[];
                 }
             }
@@ -244,16 +245,16 @@ impl Exchange {
         self.phase = Phase::Answer(expected, now);
         // Boards may tell of an answer's bytes only when it is complete, so its own time counts.
         let packet = BYTE * (OVERHEAD + expected.data) as u32; // 14 at most
-        self.deadline = now + packet + expected.patience;
-        self.limit = self.deadline + LONGEST_ANSWER;
+        self.deadline = now.saturating_add(packet).saturating_add(expected.patience);
+        self.limit = self.deadline.saturating_add(LONGEST_ANSWER);
         None
     }
 
     fn collided(&mut self, now: Instant) {
         count(&mut self.counters.collisions, 1);
         self.phase = Phase::Collision;
-        self.deadline = now + QUIET;
-        self.limit = now + LONGEST_ANSWER;
+        self.deadline = now.saturating_add(QUIET);
+        self.limit = now.saturating_add(LONGEST_ANSWER);
     }
 }
 

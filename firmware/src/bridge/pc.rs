@@ -102,7 +102,7 @@ impl Pc {
     /// The list of servos has changed, or one of them was away: a hello is due.
     pub fn tell_news(&mut self, now: Instant) {
         self.news = true;
-        let soonest = self.hello_said.map_or(now, |said| said + HELLO_DISTANCE);
+        let soonest = self.hello_said.map_or(now, |said| said.saturating_add(HELLO_DISTANCE));
         self.hello_at = self.hello_at.min(soonest.max(now));
     }
 
@@ -131,9 +131,9 @@ impl Pc {
     /// When a hello is said again, if nothing changes.
     fn next_hello(&self, now: Instant) -> Instant {
         match (self.reads_until, self.settings.hello_period_s) {
-            (None, _) => now + HELLO_PERIOD,
+            (None, _) => now.saturating_add(HELLO_PERIOD),
             (Some(_), 0) => Instant::MAX,
-            (Some(_), seconds) => now + Duration::from_secs(seconds.into()),
+            (Some(_), seconds) => now.saturating_add(Duration::from_secs(seconds.into())),
         }
     }
 
@@ -203,17 +203,18 @@ impl Pc {
             }
         }
         self.report_due = false;
-        self.reads_until = Some(now + READ_WITHIN);
+        self.reads_until = Some(now.saturating_add(READ_WITHIN));
         // A servo found since the hello still is news.
         self.news = roster.told().count() < roster.len();
-        self.hello_at = self.hello_at.min(now + HELLO_PERIOD);
+        self.hello_at = self.hello_at.min(now.saturating_add(HELLO_PERIOD));
         count(&mut self.counters.answers, 1);
     }
 
     /// Brings the newest goals into force, and does what silence asks for.
     pub fn take_goals(&mut self, roster: &mut Roster, now: Instant) {
         let timeout = Duration::from_millis(self.settings.pc_timeout_ms.into());
-        let silent = timeout.as_ticks() > 0 && self.heard.is_some_and(|at| now - at >= timeout);
+        let silent = timeout.as_ticks() > 0
+            && self.heard.is_some_and(|at| now.saturating_duration_since(at) >= timeout);
         if silent && !self.silent {
             self.silent = true;
             if !self.news {

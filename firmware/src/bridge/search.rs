@@ -69,7 +69,7 @@ impl Search {
         let tally = if answered { &mut self.answers } else { &mut self.silences };
         *tally = tally.saturating_add(1);
         if answered && !self.is_watch {
-            self.due = now + AFTER_ANSWER;
+            self.due = now.saturating_add(AFTER_ANSWER);
         }
         let retries = if self.is_watch && self.answers == 0 { 0 } else { self.retries };
         let found = self.answers >= 2;
@@ -84,7 +84,7 @@ impl Search {
             }
             let unknown = IDS.len().saturating_sub(known).max(1) as u32; // 253 at the most
             // A bus that was busy for long is not flooded afterwards.
-            self.due = (self.due + WATCH_PERIOD / unknown).max(now);
+            self.due = self.due.saturating_add(WATCH_PERIOD / unknown).max(now);
         }
         id
     }

@@ -43,7 +43,7 @@ impl Track {
     pub fn clamp(&self, target: Counts) -> Counts {
         match self.limits {
             Some((middle, half)) => {
-                target.clamp(middle.saturating_sub(half), middle.saturating_add(half))
+                target.max(middle.saturating_sub(half)).min(middle.saturating_add(half))
             }
             None => target,
         }

@@ -203,8 +203,8 @@ impl Profile {
         let (way_left, a) = (way.unsigned_abs(), most.unsigned_abs());
         let square = a.saturating_mul(a >> 2).saturating_add(a.saturating_mul(way_left << 1));
         let stops = i64::try_from(square.isqrt().saturating_sub(a >> 1)).unwrap_or(i64::MAX);
-        let wanted = stops.clamp(1, self.cruise.into()).saturating_mul(way.signum());
-        let change = wanted.saturating_sub(pace).clamp(most.saturating_neg(), most);
+        let wanted = stops.min(self.cruise.into()).max(1).saturating_mul(way.signum());
+        let change = wanted.saturating_sub(pace).min(most).max(most.saturating_neg());
         let pace = pace.saturating_add(change);
         self.pace = saturate(pace);
         let gone = self.gone.saturating_add(self.pace);

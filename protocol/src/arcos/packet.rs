@@ -97,7 +97,7 @@ impl<'a> Packet<'a> {
             && let Some((data, sum)) = rest.split_last_chunk_mut::<CHECKSUM>()
         {
             *head = [START[0], START[1], count, self.id];
-            data.copy_from_slice(self.data);
+            data.iter_mut().zip(self.data).for_each(|(to, from)| *to = *from);
             *sum = [0; CHECKSUM];
         }
         let sum = packet.get(ID..total.saturating_sub(CHECKSUM)).map_or(0, checksum);

@@ -428,7 +428,7 @@ impl Extension {
         let bit = |set: bool, bit: u8| if set { bit } else { 0 };
         let Snapshot { channels, outputs, motion, .. } = snapshot;
         Answer::State(MachineState {
-            time_ms: (now - self.booted).as_millis() as u16, // the low 16 bits
+            time_ms: now.saturating_duration_since(self.booted).as_millis() as u16, // the low 16 bits
             flags: bit(snapshot.link_loss, flag::LINK_LOST)
                 | bit(snapshot.obstacle, flag::OBSTACLE)
                 | bit(has_fault, flag::FAULT),
@@ -444,7 +444,7 @@ impl Extension {
     /// How the board is now.
     pub(super) fn health(&self, now: Instant, snapshot: &Snapshot) -> Answer<'static> {
         Answer::Health(Health {
-            uptime_ms: (now - self.booted).as_millis() as u32, // wraps
+            uptime_ms: now.saturating_duration_since(self.booted).as_millis() as u32, // wraps
             worst_latency_us: snapshot.worst_latency_us,
             stack_used: (self.boot.stack_used)(),
             faults: snapshot.faults.count() as u8, // 47 at the most
@@ -457,7 +457,7 @@ impl Extension {
 pub(super) fn block(number: u16, board: &impl View) -> Answer<'static> {
     let first = usize::from(number) * BLOCK;
     let (serial, rows) = board.rows(first..first.saturating_add(BLOCK));
-    Answer::Block(Block::new(serial, number, rows.into_iter().map(row)))
+    Answer::Block(Block::new(serial, number, rows.iter().copied().map(row)))
 }
 
 /// The firmware's version.

@@ -207,10 +207,10 @@ impl Arm {
             ArmCommand::Position { joint, ticks } => {
                 self.moves()?;
                 self.power = Power::On;
-                limited = self.of(joint).go(ticks);
+                self.each(Joints::One(joint), |joint| limited = joint.go(ticks));
             }
             ArmCommand::Speed { joint, ms_per_tick } => {
-                limited = self.of(joint).set_speed(ms_per_tick);
+                self.each(Joints::One(joint), |joint| limited = joint.set_speed(ms_per_tick));
             }
             ArmCommand::Stop(joints) => {
                 self.moves()?;
@@ -319,7 +319,7 @@ impl Arm {
         let is_over = |since: Instant, seconds: u16| {
             seconds > 0 && now >= since.saturating_add(Duration::from_secs(seconds.into()))
         };
-        let gripper = &mut self.joints[JointNumber::GRIPPER.index()];
+        let [.., gripper] = &mut self.joints;
         if self.power == Power::Off || !gripper.is_held_closed() {
             // So a position or a STOP on the way home gives it its time again.
             self.closed_since = None;
@@ -399,13 +399,8 @@ impl Arm {
         if self.power == Power::Off { Err(Ignored::NoPower) } else { Ok(()) }
     }
 
-    fn of(&mut self, joint: JointNumber) -> &mut Joint {
-        &mut self.joints[joint.index()]
-    }
-
     fn each(&mut self, joints: Joints, mut act: impl FnMut(&mut Joint)) {
-        for number in JointNumber::ALL.into_iter().filter(|&number| joints.include(number)) {
-            act(self.of(number));
-        }
+        let all = self.joints.iter_mut().zip(JointNumber::ALL);
+        all.filter(|&(_, number)| joints.include(number)).for_each(|(joint, _)| act(joint));
     }
 }

@@ -330,8 +330,9 @@ impl Answers {
 
     /// The standard packet of this cycle; the next is that of the next cycle that is not over.
     fn say_standard(&mut self, now: Instant) -> Due {
-        let missed = (now - self.cycle_at).as_ticks() / CYCLE.as_ticks();
-        self.cycle_at += Duration::from_ticks((missed + 1) * CYCLE.as_ticks());
+        let missed = now.saturating_duration_since(self.cycle_at).as_ticks() / CYCLE.as_ticks();
+        let cycles = Duration::from_ticks((missed + 1) * CYCLE.as_ticks());
+        self.cycle_at = self.cycle_at.saturating_add(cycles);
         self.status_said = false;
         if self.stream {
             self.status_at = Some(self.cycle_at);

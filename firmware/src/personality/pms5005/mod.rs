@@ -56,7 +56,7 @@ struct Answers {
     extension: Extension,
     /// In the order of [`TOPICS`].
     streams: [Stream; TOPICS.len()],
-    /// The stream whose turn it is.
+    /// The stream whose turn it is; behind the last it is the first's.
     turn: usize,
     acks_waiting: u16,
     ping_answered: Option<Instant>,
@@ -270,18 +270,19 @@ impl Answers {
     /// to its next period, past those that it has missed.
     fn next_stream(&mut self, now: Instant) -> Option<(Topic, Instant)> {
         let is_due = |stream: &Stream| stream.due_at().is_some_and(|at| at <= now);
-        let turn = (0..TOPICS.len())
-            .map(|k| (self.turn + k) % TOPICS.len())
-            .find(|&turn| is_due(&self.streams[turn]))?;
-        self.turn = (turn + 1) % TOPICS.len();
-        let period = TOPICS[turn].period(self.extension.settings()).as_ticks() as u32; // 60 s at most
-        let stream = &mut self.streams[turn];
+        let turn = (self.turn..TOPICS.len())
+            .chain(0..self.turn)
+            .find(|&turn| self.streams.get(turn).is_some_and(is_due))?;
+        self.turn = turn + 1;
+        let (topic, stream) = (*TOPICS.get(turn)?, self.streams.get_mut(turn)?);
+        let period = topic.period(self.extension.settings()).as_ticks() as u32; // 60 s at most
         let due = stream.due;
         // 32 bits are over an hour; a line that was blocked for longer takes up a new rhythm.
-        let late = u32::try_from((now - stream.due).as_ticks()).unwrap_or(u32::MAX);
+        let late = u32::try_from(now.saturating_duration_since(due).as_ticks()).unwrap_or(u32::MAX);
         count(&mut self.counters.telemetry_skipped, late / period);
-        stream.told(now + Duration::from_ticks((period - late % period).into()));
-        Some((TOPICS[turn], due))
+        let next = Duration::from_ticks((period - late % period).into());
+        stream.told(now.saturating_add(next));
+        Some((topic, due))
     }
 
     /// Does what an intact frame asks of the session, and yields what it asks of the board.
@@ -339,7 +340,8 @@ impl Answers {
     /// answered just now.
     fn acknowledge(&mut self, may_be_an_ack: bool, now: Instant) {
         if may_be_an_ack {
-            if self.ping_answered.is_some_and(|at| now - at < PING_ANSWER_PERIOD) {
+            let is_answered = |at: Instant| now < at.saturating_add(PING_ANSWER_PERIOD);
+            if self.ping_answered.is_some_and(is_answered) {
                 return;
             }
             self.ping_answered = Some(now);

@@ -5,7 +5,7 @@ use protocol::pms5005::{
     Quantity, Report, Reports, SensorReport,
 };
 
-use crate::channel::{Channel, Method, Polarity, Scope, Sensor};
+use crate::channel::{CHANNELS, Channel, Method, Polarity, Scope, Sensor};
 use crate::command::Command;
 use crate::controller::{EncoderReading, Snapshot};
 use crate::settings::{ControlSettings, Settings};
@@ -39,27 +39,27 @@ pub(super) fn with_parameters(settings: &Settings, parameters: Parameters<'_>) -
         match parameter {
             Parameter::CollisionProtection(on) => collision.enabled = on,
             Parameter::Polarity(channel, wire) => {
-                channels[channel.index()].polarity = match wire {
+                of(channel, channels.each_mut()).polarity = match wire {
                     wire::Polarity::Positive => Polarity::Positive,
                     wire::Polarity::Negative => Polarity::Negative,
-                }
+                };
             }
             Parameter::Sensor(channel, wire) => {
-                channels[channel.index()].sensor = Some(match wire {
+                of(channel, channels.each_mut()).sensor = Some(match wire {
                     wire::Sensor::SinglePotentiometer => Sensor::SinglePotentiometer,
                     wire::Sensor::DualPotentiometer => Sensor::DualPotentiometer,
                     wire::Sensor::Encoder => Sensor::Encoder,
-                })
+                });
             }
             Parameter::Method(channel, wire) => {
-                channels[channel.index()].method = Some(match wire {
+                of(channel, channels.each_mut()).method = Some(match wire {
                     wire::Method::Pwm => Method::Pwm,
                     wire::Method::Position => Method::Position,
                     wire::Method::Velocity => Method::Velocity,
-                })
+                });
             }
             Parameter::Gain(channel, control_loop, gain) => {
-                let channel = &mut channels[channel.index()];
+                let channel = of(channel, channels.each_mut());
                 let gains = match control_loop {
                     Loop::Position => &mut channel.position,
                     Loop::Velocity => &mut channel.velocity,
@@ -77,12 +77,24 @@ pub(super) fn with_parameters(settings: &Settings, parameters: Parameters<'_>) -
     settings
 }
 
+/// That of the six which belongs to a channel of the wire.
+fn of<T>(channel: wire::Channel, [c0, c1, c2, c3, c4, c5]: [T; CHANNELS]) -> T {
+    match channel {
+        wire::Channel::Channel0 => c0,
+        wire::Channel::Channel1 => c1,
+        wire::Channel::Channel2 => c2,
+        wire::Channel::Channel3 => c3,
+        wire::Channel::Channel4 => c4,
+        wire::Channel::Channel5 => c5,
+    }
+}
+
 /// Whom a suspend or a resume is about.
 pub(super) fn scope(scope: wire::Scope) -> Scope {
     match scope {
         wire::Scope::All => Scope::All,
-        wire::Scope::Motor(channel) => Scope::Motor(Channel::ALL[channel.index()]),
-        wire::Scope::Servo(channel) => Scope::Servo(Channel::ALL[channel.index()]),
+        wire::Scope::Motor(channel) => Scope::Motor(of(channel, Channel::ALL)),
+        wire::Scope::Servo(channel) => Scope::Servo(of(channel, Channel::ALL)),
     }
 }
 

@@ -1,0 +1,24 @@
+//! The CM-5's bridge between any bytes of a PC and any bytes of a bus.
+
+use core::hint::black_box;
+
+use embassy_time::Instant;
+use firmware::bridge::{Bridge, BridgeSettings, MAX_INSTRUCTION, MAX_PACKET};
+
+use crate::any;
+
+pub fn run() {
+    let mut bridge = Bridge::new(black_box(BridgeSettings::DEFAULT), Instant::now());
+    while any::<u8>() == 0 {
+        bridge = black_box(bridge);
+        let heard: [u8; 256] = black_box([0; 256]);
+        bridge.receive(&heard, Instant::now());
+        bridge.bus_hears(&heard, Instant::now());
+        bridge.line_failed();
+        bridge.bus_failed();
+        black_box(bridge.transmit(Instant::now(), &mut [0; MAX_PACKET]));
+        black_box(bridge.bus_sends(Instant::now(), &mut [0; MAX_INSTRUCTION]));
+        black_box((bridge.gives_up_at(), bridge.sends_at(), bridge.bus_acts_at()));
+        black_box((bridge.counters(), bridge.is_searching(), bridge.pc_is_silent()));
+    }
+}
