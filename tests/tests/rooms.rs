@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Each room imports only from those before it.
-const ROOMS: [&str; 16] = [
+const ROOMS: [&str; 17] = [
     "fmt",
     "units",
     "channel",
@@ -15,6 +15,7 @@ const ROOMS: [&str; 16] = [
     "safety",
     "command",
     "controller",
+    "recorder",
     "liveness",
     "reception",
     "personality",

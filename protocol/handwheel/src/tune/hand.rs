@@ -251,8 +251,11 @@ impl Hand {
         neutral.and(off).map(drop)
     }
 
-    /// Begins a recording of the motor, at the next motion command.
-    pub(super) async fn record(&self, every: u16, samples: u16) -> Result<Recording, Refused> {
+    /// Begins a recording of the motor, at the next motion command. Who has stopped it meanwhile, while
+    /// nobody looked, has stopped it.
+    pub(super) async fn record(&mut self, every: u16, samples: u16) -> Result<Recording, Refused> {
+        let channel = self.state().await?;
+        self.look(&channel)?;
         let channels = 1 << self.motor.index();
         let trigger = Trigger::Motion;
         let setup = Setup { channels, trigger, decimation: every, samples, before: 0 };
