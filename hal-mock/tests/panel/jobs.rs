@@ -51,7 +51,7 @@ fn values(tuned: &Value, which: &str) -> Value {
 fn a_wheel_is_tuned_applied_and_rolled_back() {
     let mut desk = Desk::new();
     let plan = desk.ask(ONE, json!({"do": "plan", "motor": 1})).unwrap();
-    assert_eq!(plan, json!({"moves": "turns", "seconds": 20}));
+    assert_eq!(plan, json!({"moves": "turns", "seconds": 30}));
     let plan = desk.ask(ONE, json!({"do": "plan", "motor": 3})).unwrap();
     assert_eq!(plan["moves"], "stays");
     desk.open(TWO);

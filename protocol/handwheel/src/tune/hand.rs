@@ -299,8 +299,18 @@ impl Hand {
                 at = first + usize::from(count);
                 look(&self.shared).blocks.clear();
                 let request = Request::Blocks { first: first as u16, count };
-                let _ = self.ask(Ask::Request(request), "a recording").await;
+                let asked = self.ask(Ask::Request(request), "a recording").await;
                 let came = std::mem::take(&mut look(&self.shared).blocks);
+                if let Err(stopped @ Refused::Stopped(_)) = asked {
+                    return Err(stopped);
+                }
+                if asked.is_err() && came.is_empty() {
+                    return Err(Refused::Line(
+                        "the recording does not come through: telemetry may fill the line (a `telemetry period` of 50 \
+                         leaves room), or it is bad"
+                            .into(),
+                    ));
+                }
                 for block in came {
                     if block.serial != serial {
                         return Err(other());
