@@ -15,7 +15,7 @@ pub struct Tuned {
     pub tau: Option<f64>,
     /// In seconds.
     pub dead_time: f64,
-    /// In seconds, until a step from standstill to [`STEP`](super::judge::STEP) of full speed stays within
+    /// In seconds, until a step from standstill to [`STEP`] of full speed stays within
     /// 5 %.
     pub settling: f64,
     /// In percent of that step.

@@ -139,7 +139,7 @@ pub(super) fn look(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
 
 type Procedure<T> = Pin<Box<dyn Future<Output = Result<T, Refused>> + Send>>;
 
-/// A procedure under way. See the [module](self).
+/// A procedure under way: a session without I/O, for whoever has a line and a clock.
 pub struct Job<T> {
     shared: Arc<Mutex<Shared>>,
     procedure: Option<Procedure<T>>,

@@ -247,7 +247,7 @@ pub fn read(serial: u8) -> Job<Vec<Row>> {
 /// How long a wheel turns in all, at the most.
 const TURNS: Duration = Duration::from_secs(30);
 
-/// Tunes a motor. See the [module](self).
+/// Tunes a motor.
 pub fn tune(options: Options) -> Job<Tuned> {
     Job::new(move |shared| async move {
         let mut hand = Hand::new(shared, options.motor);
