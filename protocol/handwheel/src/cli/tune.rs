@@ -91,7 +91,7 @@ impl Context<'_, '_> {
         });
         if let Some(file) = svg {
             let title = format!("motor {motor}: step to {}", tuned.step.target);
-            draw(file, &title, unit(tuned.control_loop), &samples(&tuned), tuned.step.target)
+            draw(file, &title, tuned.control_loop.unit(), &samples(&tuned), tuned.step.target)
                 .map_err(Error::File)?;
             self.say(&format!("drawn in {}", file.display()));
         }
@@ -195,7 +195,7 @@ impl Context<'_, '_> {
             "confirmed by a step   {} (to {:.0} {})",
             said(&tuned.response),
             tuned.step.target,
-            unit(tuned.control_loop)
+            tuned.control_loop.unit()
         ));
     }
 }
@@ -209,13 +209,6 @@ fn travel(client: &mut Client, motor: Number, duty: f64, seconds: f64) -> Result
     Ok(format!(
         "{counts:.0} counts at the most if its full speed is the {speed} counts/s that is set"
     ))
-}
-
-fn unit(control_loop: Loop) -> &'static str {
-    match control_loop {
-        Loop::Velocity => "counts/s",
-        Loop::Position => "counts",
-    }
 }
 
 fn samples(tuned: &Tuned) -> Vec<Sample> {
@@ -265,7 +258,7 @@ fn tuned_in_json(
         "dead_band": found.dead_band,
         "fit_percent": tuned.fit.percent,
         "lambda_s": tuned.design.lambda,
-        "unit": unit(tuned.control_loop),
+        "unit": tuned.control_loop.unit(),
         "target": tuned.step.target,
         "predicted": told(&tuned.design.response),
         "measured": told(&tuned.response),

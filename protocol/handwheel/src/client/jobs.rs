@@ -6,15 +6,12 @@ use super::{Client, TICK};
 use crate::error::Error;
 use crate::number::Number;
 use crate::session::Reply;
-use crate::tune::{self, Job};
-
-/// Since this version of the extension a board has a recorder.
-const RECORDER: u8 = 3;
+use crate::tune::{self, Job, Refused};
 
 impl Client {
     /// Whether the board has a recorder: since version 3 of the extension.
     pub fn has_recorder(&self) -> bool {
-        self.has_state() && self.identity().is_some_and(|who| who.extension >= RECORDER)
+        self.has_state() && self.identity().is_some_and(|who| who.extension >= tune::RECORDER)
     }
 
     /// Runs a job on a motor that is off to its end. What [ends in good order](Self::end_when) stops it.
@@ -26,11 +23,26 @@ impl Client {
     pub fn run<T>(
         &mut self,
         motor: Number,
-        mut job: Job<T>,
-        mut look: impl FnMut(&'static str),
+        job: Job<T>,
+        look: impl FnMut(&'static str),
     ) -> Result<T, Error> {
         self.needs_a_recorder()?;
         self.state_off(motor)?;
+        let outcome = self.finish(job, look).map_err(|gone| {
+            Error::Stopped(format!(
+                "{gone}; motor {motor} is left to the board's own watch, and {}",
+                tune::LEFT
+            ))
+        })?;
+        outcome.map_err(|refused| Error::Stopped(format!("motor {motor}: {refused}")))
+    }
+
+    /// Lets a job go on to its end; `look` is told what it is about, whenever that changes.
+    fn finish<T>(
+        &mut self,
+        mut job: Job<T>,
+        mut look: impl FnMut(&'static str),
+    ) -> Result<Result<T, Refused>, Error> {
         let mut said = "";
         loop {
             if self.is_to_end() {
@@ -43,15 +55,9 @@ impl Client {
                 look(said);
             }
             if let Some(outcome) = job.outcome() {
-                return outcome
-                    .map_err(|refused| Error::Stopped(format!("motor {motor}: {refused}")));
+                return Ok(outcome);
             }
-            self.pump(TICK).map_err(|gone| {
-                Error::Stopped(format!(
-                    "{gone}; motor {motor} is left to the board's own watch, and {}",
-                    tune::LEFT
-                ))
-            })?;
+            self.pump(TICK)?;
         }
     }
 
@@ -72,18 +78,8 @@ impl Client {
     /// # Errors
     /// [`Error::Stopped`] when another host has begun another, or parts are lost again and again; [`Error::Gone`].
     pub fn recorded(&mut self, recording: &Recording) -> Result<Vec<Row>, Error> {
-        let mut job = tune::read(recording.serial);
-        loop {
-            if self.is_to_end() {
-                job.stop("stopped by Ctrl-C");
-            }
-            let now = self.now();
-            job.converse(&mut self.session, now);
-            if let Some(outcome) = job.outcome() {
-                return outcome.map_err(|refused| Error::Stopped(refused.to_string()));
-            }
-            self.pump(TICK)?;
-        }
+        let outcome = self.finish(tune::read(recording.serial), |_| ())?;
+        outcome.map_err(|refused| Error::Stopped(refused.to_string()))
     }
 
     pub(crate) fn needs_a_recorder(&self) -> Result<(), Error> {

@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::number::Number;
 
 /// Positions of the wire wrap here; the machine state's do not.
-const TURN: i32 = 32_768;
+pub(crate) const TURN: i32 = 32_768;
 /// PWM without drive, and the most either way.
 const NEUTRAL: i16 = 16_384;
 /// Servo pulses in counts of 1/2250 ms.

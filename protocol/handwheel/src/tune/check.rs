@@ -6,8 +6,7 @@ use protocol::extension::ChannelState;
 
 use super::hand::Hand;
 use super::job::{Job, Refused, set_back};
-use super::procedure::{Before, POLARITY, numbered};
-use crate::motion::target::Target;
+use super::procedure::{Before, POLARITY, duty_of, numbered};
 use crate::number::Number;
 
 /// What one way showed.
@@ -95,31 +94,41 @@ pub(super) async fn both_ways(
     Ok(Checked { ways: [rising, falling], has_current, turned_round: false })
 }
 
+/// What was seen of a shaft on one way.
+struct Seen {
+    sign: i32,
+    rest: ChannelState,
+    last: ChannelState,
+    current: i32,
+}
+
+impl Seen {
+    /// Counts, positive if they went as they should.
+    fn moved(&self) -> i32 {
+        self.last.position.wrapping_sub(self.rest.position).wrapping_mul(self.sign)
+    }
+
+    /// Whether that is plenty.
+    fn sees(&mut self, at: &ChannelState) -> bool {
+        self.last = *at;
+        self.current = self.current.max(i32::from(at.current) - i32::from(self.rest.current));
+        self.moved().saturating_abs() >= PLENTY
+    }
+}
+
 async fn one_way(hand: &mut Hand, before: &Before, most: f64, sign: i32) -> Result<Way, Refused> {
     let rest = hand.state().await?;
-    let sign_of_duty = if before.is_reversed() { -sign } else { sign };
-    let duty = |part: f64| Target::Duty(f64::from(sign_of_duty) * part * most);
-    let moved = |at: &ChannelState| at.position.wrapping_sub(rest.position).wrapping_mul(sign);
-    let (mut last, mut current) = (rest, 0);
-    let mut see = |at: &ChannelState| {
-        last = *at;
-        current = current.max(i32::from(at.current) - i32::from(rest.current));
-        moved(at).saturating_abs() >= PLENTY
-    };
+    let mut seen = Seen { sign, rest, last: rest, current: 0 };
+    let duty = |part: f64| duty_of(before, f64::from(sign) * part * most);
     hand.drive(duty(LOW), Duration::ZERO).await?;
-    hand.watch(hand.now() + LOW_TIME, &mut see).await?;
-    let enough = if before.is_encoder() { ENOUGH_OF_ENCODER } else { ENOUGH_OF_POTENTIOMETER };
-    let is_low = moved(&last).saturating_abs() >= enough;
+    hand.watch(hand.now() + LOW_TIME, |at| seen.sees(at)).await?;
+    let enough = if before.encoder { ENOUGH_OF_ENCODER } else { ENOUGH_OF_POTENTIOMETER };
+    let is_low = seen.moved().saturating_abs() >= enough;
     if !is_low {
         hand.drive(duty(1.0), RISE).await?;
-        hand.watch(hand.now() + MORE_TIME, |at| {
-            last = *at;
-            current = current.max(i32::from(at.current) - i32::from(rest.current));
-            moved(at).saturating_abs() >= PLENTY
-        })
-        .await?;
+        hand.watch(hand.now() + MORE_TIME, |at| seen.sees(at)).await?;
     }
-    let moved = moved(&last);
+    let (moved, current) = (seen.moved(), seen.current);
     let way = Way { moved, current, duty: if is_low { LOW * most } else { most } };
     if moved <= -enough {
         return Err(Refused::WrongWay);

@@ -26,6 +26,16 @@ pub enum Loop {
     Position,
 }
 
+impl Loop {
+    /// What its set-points count.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Velocity => "counts/s",
+            Self::Position => "counts",
+        }
+    }
+}
+
 /// Gains as the settings have them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gains {
@@ -120,17 +130,18 @@ fn judge(
     let tail = curve.get(periods * 3 / 4..)?;
     let mean = tail.iter().map(|at| at.duty).sum::<f64>() / tail.len() as f64;
     let swing = tail.iter().map(|at| (at.duty - mean).powi(2)).sum::<f64>() / tail.len() as f64;
-    let is_good = |motor: &Motor, step, overshoot| {
+    // What friction holds short of its target, within 5 % or not, is all that a loop without Ki can do.
+    let friction = motor.dead_band[0] / f64::from(gains.kp.max(1)) * 2_f64.powi(15);
+    let is_good = |told: &Response, overshoot| {
+        let is_there = match control_loop {
+            Loop::Velocity => told.settling.is_some(),
+            Loop::Position => told.steady_error.abs() <= friction + 2.0,
+        };
+        is_there && told.overshoot_percent <= overshoot
+    };
+    let bears = |motor: &Motor, step, overshoot| {
         let told = told(&step_of(motor, control_loop, gains, step, periods), step);
-        // What friction holds short of its target, within 5 % or not, is all that a loop without Ki can do.
-        let friction = motor.dead_band[0] / f64::from(gains.kp.max(1)) * 2_f64.powi(15);
-        told.is_some_and(|told| {
-            let is_there = match control_loop {
-                Loop::Velocity => told.settling.is_some(),
-                Loop::Position => told.steady_error.abs() <= friction + 2.0,
-            };
-            is_there && told.overshoot_percent <= overshoot
-        })
+        told.is_some_and(|told| is_good(&told, overshoot))
     };
     let others = OTHERS.map(|(gain, slow, late)| Motor {
         gain: motor.gain * gain,
@@ -139,11 +150,11 @@ fn judge(
         ..*motor
     });
     let is_steady = swing.sqrt() <= RESTLESS
-        && is_good(motor, step, OVERSHOOT)
-        && others.iter().all(|other| is_good(other, step, OVERSHOOT_OF_OTHERS))
+        && is_good(&response, OVERSHOOT)
+        && others.iter().all(|other| bears(other, step, OVERSHOOT_OF_OTHERS))
         && other_steps(motor, control_loop, step)
             .into_iter()
-            .all(|step| is_good(motor, step, OVERSHOOT));
+            .all(|step| bears(motor, step, OVERSHOOT));
     let seen = curve.iter().map(|at| at.seen).collect();
     is_steady.then_some(Design { gains, lambda, response, seen })
 }

@@ -6,16 +6,17 @@ use std::task::Poll;
 use std::time::Duration;
 
 use protocol::extension::{
-    BLOCK, ChannelState, MachineState, Mode, Phase, Reason, Recording, Request, Row, Setup, Trigger,
+    BLOCK, ChannelState, MachineState, Mode, Phase, Reason, Recording, Request, Row,
 };
-
 use protocol::pms5005::CHANNELS;
 
 use super::job::{Ask, Refused, Shared, look, refusal};
 use crate::client;
+use crate::motion::shafts::STILL;
 use crate::motion::target::{self, Target};
 use crate::number::Number;
 use crate::session::{Reply, sign_of_life};
+use crate::step::recording_of;
 use crate::words;
 
 /// A machine state may be older than a command that was just acknowledged.
@@ -153,7 +154,7 @@ impl Hand {
             }
             let shared = look(&self.shared);
             match shared.state.filter(|_| shared.states != seen) {
-                Some((state, _)) => Poll::Ready(Ok(state)),
+                Some(state) => Poll::Ready(Ok(state)),
                 None if shared.now > began + SILENCE => Poll::Ready(Err(Refused::Stopped(
                     "the board tells no machine state any more: check the line".into(),
                 ))),
@@ -222,7 +223,6 @@ impl Hand {
     /// Takes the drive away, and waits until the shaft stands, so long at the most. The motor stays on: so the
     /// board saves nothing that is set for the moment, and nobody else takes it for free.
     pub(super) async fn rest(&mut self, most: Duration) -> Result<(), Refused> {
-        const STILL: Duration = Duration::from_millis(150);
         self.drive(Target::Duty(0.0), Duration::ZERO).await?;
         let (end, mut still) = (self.now() + most, (i32::MIN, self.now()));
         while self.now() < end && self.now() < still.1 + STILL {
@@ -251,19 +251,16 @@ impl Hand {
         neutral.and(off).map(drop)
     }
 
-    /// Begins a recording of the motor, at the next motion command. Who has stopped it meanwhile, while
-    /// nobody looked, has stopped it.
-    pub(super) async fn record(&mut self, every: u16, samples: u16) -> Result<Recording, Refused> {
+    /// Begins a recording of the motor, at the next motion command, for so long, with so many rows at the most.
+    /// Who has stopped it meanwhile, while nobody looked, has stopped it.
+    pub(super) async fn record(&mut self, time: Duration, rows: u16) -> Result<Recording, Refused> {
         let channel = self.state().await?;
         self.look(&channel)?;
-        let channels = 1 << self.motor.index();
-        let trigger = Trigger::Motion;
-        let setup = Setup { channels, trigger, decimation: every, samples, before: 0 };
-        self.recording(Request::Record(setup)).await
+        self.recording(Request::Record(recording_of(self.motor, time, rows))).await
     }
 
     /// How the recorder is.
-    pub(super) async fn recording(&self, request: Request<'static>) -> Result<Recording, Refused> {
+    async fn recording(&self, request: Request<'static>) -> Result<Recording, Refused> {
         match self.ask(Ask::Request(request), "a recorder").await? {
             Reply::Recording(recording) => Ok(recording),
             _ => Err(Refused::Line("the board's answer is another's: try again".into())),

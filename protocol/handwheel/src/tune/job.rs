@@ -116,8 +116,8 @@ pub(super) struct Shared {
     /// What is to be asked, and what came of it.
     pub(super) ask: Option<Ask>,
     pub(super) reply: Option<Result<Reply, Failure>>,
-    /// The newest machine state, when it was heard, and how many there were.
-    pub(super) state: Option<(MachineState, Duration)>,
+    /// The newest machine state, and how many there were.
+    pub(super) state: Option<MachineState>,
     pub(super) states: u64,
     /// Blocks of a recording that nobody has taken yet.
     pub(super) blocks: Vec<Block>,
@@ -188,7 +188,7 @@ impl<T> Job<T> {
         let mut shared = look(&self.shared);
         match event {
             Event::State(state) => {
-                shared.state = Some((*state, shared.now));
+                shared.state = Some(*state);
                 shared.states += 1;
             }
             Event::Block(block) => shared.blocks.push(*block),

@@ -32,3 +32,6 @@ pub use model::Motor;
 pub use procedure::{
     Options, Plan, Tuned, full_speed_set, highest_duty_of, plan, read, sensor_of, tune,
 };
+
+/// Since this version of the extension a board has a recorder.
+pub(crate) const RECORDER: u8 = 3;

@@ -17,7 +17,7 @@ use super::hand::Hand;
 use super::job::{Job, Refused, set_back};
 use super::model::{Motor, PERIOD};
 use crate::client::LINK_TIMEOUT;
-use crate::motion::target::Target;
+use crate::motion::target::{TURN, Target};
 use crate::number::Number;
 use crate::step::{Response, response};
 
@@ -127,8 +127,8 @@ pub(super) struct Before {
     motor: Number,
     /// Their numbers and values.
     values: Vec<(u16, i32)>,
-    reversed: bool,
-    encoder: bool,
+    pub(super) reversed: bool,
+    pub(super) encoder: bool,
     limits: (i32, i32),
 }
 
@@ -153,14 +153,6 @@ impl Before {
     fn value(&self, row: (u16, u16)) -> i32 {
         let number = numbered(row, self.motor);
         self.values.iter().find(|(n, _)| *n == number).map_or(0, |(_, value)| *value)
-    }
-
-    pub(super) fn is_reversed(&self) -> bool {
-        self.reversed
-    }
-
-    pub(super) fn is_encoder(&self) -> bool {
-        self.encoder
     }
 
     /// Sets what a plain motor needs, and yields the highest duty: the channel's own may be lower.
@@ -318,16 +310,16 @@ async fn procedure(hand: &mut Hand, before: &Before, options: &Options) -> Resul
 /// A fit that is poorer than this is no motor's. Whole counts of a coarse encoder cost up to 15 %.
 const WORST_FIT: f64 = 70.0;
 /// Rows that are read of one recording; they take some 4 s at 115200 baud.
-const ROWS: u32 = 2000;
+const ROWS: u16 = 2000;
 /// A ramp up to the highest duty, and down from there; both of them each way, and the rows for that.
 const UP: Duration = Duration::from_millis(800);
 const DOWN: Duration = Duration::from_millis(300);
-const RAMPS_MS: u32 = 2300;
-const ROWS_OF_RAMPS: u32 = 460;
+const RAMPS: Duration = Duration::from_millis(2300);
+const ROWS_OF_RAMPS: u16 = 460;
 
 /// Turns a wheel: a ramp each way, then steps between two duties that are found by it.
 async fn turn(hand: &mut Hand, before: &Before, most: f64) -> Result<Vec<Record>, Refused> {
-    let recording = hand.record((RAMPS_MS / ROWS_OF_RAMPS) as u16, ROWS_OF_RAMPS as u16).await?;
+    let recording = hand.record(RAMPS, ROWS_OF_RAMPS).await?;
     for sign in [1.0, -1.0] {
         for (duty, time) in [(sign * most, UP), (0.0, DOWN)] {
             hand.drive(duty_of(before, duty), time).await?;
@@ -344,9 +336,8 @@ async fn turn(hand: &mut Hand, before: &Before, most: f64) -> Result<Vec<Record>
     let long = (2.5 * time_constant).clamp(0.12, 1.1);
     let total = (6.0 * long).max(SHORTEST);
     let cycles = (total / (6.0 * long)).floor().max(1.0) as u32;
-    let milliseconds = (f64::from(cycles) * 6.2 * long * 1000.0) as u32;
-    let every = milliseconds.div_ceil(ROWS);
-    let recording = hand.record(every as u16, (milliseconds / every) as u16).await?;
+    let time = Duration::from_secs_f64(f64::from(cycles) * 6.2 * long);
+    let recording = hand.record(time, ROWS).await?;
     for _ in 0..cycles {
         for (sign, band) in [1.0, -1.0].into_iter().zip(dead_band) {
             let [low, high] = [0.35, 1.0].map(|part| sign * (band + part * (most - band)));
@@ -401,9 +392,7 @@ async fn push(hand: &mut Hand, before: &Before, duty: f64, middle: i32) -> Resul
     const LONGEST: Duration = Duration::from_millis(500);
     /// A push that moves nothing in this time has lost its sensor, or is held.
     const STANDS: Duration = Duration::from_millis(200);
-    let total = PUSHES * LONGEST.as_millis() as u32 / 2;
-    let every = total.div_ceil(ROWS);
-    let recording = hand.record(every as u16, (total / every) as u16).await?;
+    let recording = hand.record(LONGEST * PUSHES / 2, ROWS).await?;
     // How far it goes on when it is turned round: the push before has shown it.
     let (mut coast, mut turned) = (TRAVEL * 3 / 4, middle);
     for n in 0..PUSHES {
@@ -428,7 +417,7 @@ async fn push(hand: &mut Hand, before: &Before, duty: f64, middle: i32) -> Resul
 }
 
 /// The duty that makes counts rise, if it is positive.
-fn duty_of(before: &Before, duty: f64) -> Target {
+pub(super) fn duty_of(before: &Before, duty: f64) -> Target {
     Target::Duty(if before.reversed { -duty } else { duty })
 }
 
@@ -492,18 +481,15 @@ async fn confirm(
     step: Step,
     design: &Design,
 ) -> Result<Course, Refused> {
-    const WIRE: i32 = 32_768;
     let settling = design.response.settling.unwrap_or_default();
     let time = (settling.mul_f64(1.5) + Duration::from_millis(300)).min(Duration::from_secs(6));
-    let milliseconds = time.as_millis() as u32;
-    let every = milliseconds.div_ceil(ROWS / 4);
-    let recording = hand.record(every as u16, (milliseconds / every) as u16).await?;
+    let recording = hand.record(time, ROWS / 4).await?;
     hand.afresh().await?;
     let from = hand.state().await?.position;
     let target = match control_loop {
         Loop::Velocity => Target::Velocity(step.target as i16),
         Loop::Position => {
-            Target::Position(from.wrapping_add(step.target as i32).rem_euclid(WIRE) as i16)
+            Target::Position(from.wrapping_add(step.target as i32).rem_euclid(TURN) as i16)
         }
     };
     hand.drive(target, Duration::ZERO).await?;

@@ -59,9 +59,9 @@ fn checked(found: &Checked) -> Value {
 fn tuned(found: &Tuned, settings: &[Setting]) -> Value {
     let motor = &found.fit.motor;
     let gains = found.design.gains;
-    let (name, unit) = match found.control_loop {
-        Loop::Velocity => ("velocity", "counts/s"),
-        Loop::Position => ("position", "counts"),
+    let name = match found.control_loop {
+        Loop::Velocity => "velocity",
+        Loop::Position => "position",
     };
     let has_reset = found.control_loop == Loop::Velocity;
     let changes: Vec<_> = found
@@ -74,7 +74,7 @@ fn tuned(found: &Tuned, settings: &[Setting]) -> Value {
         .collect();
     let curve = |values: &[f64]| values.iter().map(|v| rounded(*v, 10.0)).collect::<Vec<_>>();
     json!({
-        "loop": name, "unit": unit,
+        "loop": name, "unit": found.control_loop.unit(),
         "fit": {
             "gain": rounded(motor.gain, 10.0),
             "time_constant_ms": rounded(motor.time_constant * 1000.0, 10.0),

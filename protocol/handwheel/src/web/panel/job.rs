@@ -20,9 +20,6 @@ use crate::session::{Event, Failure, Reply};
 use crate::step::Course;
 use crate::tune::{self, Ask, Job, Loop, Options, Plan};
 
-/// The extension's version that has a recorder.
-const HAS_RECORDER: u8 = 3;
-
 /// A job under way. Its page's answer comes at its end.
 pub(super) struct Running {
     asker: Asker,
@@ -147,7 +144,7 @@ impl Panel {
     /// Whether the board records, and tells its machine state.
     pub(super) fn has_recorder(&self) -> bool {
         let identity = self.board.identity;
-        self.has_state() && identity.is_some_and(|id| id.extension >= HAS_RECORDER)
+        self.has_state() && identity.is_some_and(|id| id.extension >= tune::RECORDER)
     }
 
     /// What tuning a motor will do to it at the most.
