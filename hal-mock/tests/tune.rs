@@ -395,6 +395,14 @@ fn a_line_that_is_cut_leaves_the_motor_to_the_board_s_own_watch() {
 }
 
 #[test]
+fn telemetry_that_fills_the_line_keeps_no_recording_from_its_host() {
+    let mut make = Make::default();
+    make.settings.link.telemetry_period_ms = 1;
+    let mut bench = Bench::with(make);
+    bench.run(check(Number::ONE, 0.5, false)).unwrap();
+}
+
+#[test]
 fn parts_of_a_recording_that_are_lost_are_asked_for_again() {
     let mut bench = Bench::new();
     bench.loses = Some(7);

@@ -8,6 +8,7 @@ use protocol::extension::{
 use protocol::pms5005::{Command, Quantity, Repeat};
 use tests::Bench;
 use tests::Link::{Alive, Silent};
+use tests::pms5005::Received;
 
 const VELOCITY: i16 = 4000;
 
@@ -198,6 +199,25 @@ fn a_block_waits_for_everything_else_and_32_kib_take_some_3_s() {
     let (ms, telemetry) = read_32_kib(Bench::new());
     assert!((3400..3900).contains(&ms), "{ms} ms");
     assert!(telemetry.abs_diff(ms as usize * 60 / 1000) <= 3, "{telemetry} in {ms} ms");
+}
+
+#[test]
+fn blocks_take_their_turn_among_reports_that_fill_the_line() {
+    let mut make = Make::default();
+    make.settings.link.telemetry_period_ms = 10; // the three reports take 40 ms
+    let mut bench = Bench::with(make);
+    recording(&mut bench, Request::Record(setup(Trigger::Now, 200, 0)));
+    bench.run_ms(250);
+    bench.received();
+    bench.send(Command::Extension(Request::Blocks { first: 0, count: 25 }));
+    bench.run_ms(1500);
+    let frames = bench.received();
+    let is_block = |frame: &Received| frame.did == did::BLOCK;
+    assert_eq!(frames.iter().filter(|frame| is_block(frame)).count(), 25);
+    // One round of the reports between two blocks.
+    let between = frames.split(is_block).skip(1).take(24);
+    let reports = between.map(|frames| frames.iter().filter(|f| f.report().is_some()).count());
+    assert!(reports.clone().all(|count| count == 3), "{:?}", reports.collect::<Vec<_>>());
 }
 
 #[test]

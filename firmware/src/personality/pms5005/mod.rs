@@ -14,7 +14,7 @@
 //! - any intact frame is a sign of life of the host, those for other devices too, but what comes from a
 //!   board (RID 0: an echo of our own) and what only asks to be told something;
 //! - what the extension is asked for goes behind acknowledgements, before telemetry; blocks of a recording
-//!   go when nothing else is due.
+//!   go when nothing else is due, and take their turn among reports that fill the line.
 
 mod translate;
 
@@ -56,7 +56,7 @@ struct Answers {
     extension: Extension,
     /// In the order of [`TOPICS`].
     streams: [Stream; TOPICS.len()],
-    /// The stream whose turn it is; behind the last it is the first's.
+    /// The stream whose turn it is; behind the last it is a block's of the recording, then the first's.
     turn: usize,
     acks_waiting: u16,
     ping_answered: Option<Instant>,
@@ -239,14 +239,9 @@ impl Answers {
         } else if let Some(owed) = self.extension.next() {
             count(&mut self.counters.answers_sent, 1);
             Some(Due::Answer(owed))
-        } else if let Some((topic, due)) = self.next_stream(now) {
+        } else if let Some(due) = self.next_turn(now) {
             self.spoke = now;
-            count(&mut self.counters.telemetry_sent, 1);
-            Some(Due::Stream(topic, due))
-        } else if let Some(number) = self.extension.next_block() {
-            self.spoke = now;
-            count(&mut self.counters.answers_sent, 1);
-            Some(Due::Block(number))
+            Some(due)
         } else if now >= self.spoke.saturating_add(PING_PERIOD) {
             self.spoke = now;
             count(&mut self.counters.pings_sent, 1);
@@ -266,23 +261,33 @@ impl Answers {
         &self.moment.snapshot
     }
 
-    /// What a stream has to tell now, if any has, the streams taking turns, and since when; it moves on
-    /// to its next period, past those that it has missed.
-    fn next_stream(&mut self, now: Instant) -> Option<(Topic, Instant)> {
-        let is_due = |stream: &Stream| stream.due_at().is_some_and(|at| at <= now);
-        let turn = (self.turn..TOPICS.len())
-            .chain(0..self.turn)
-            .find(|&turn| self.streams.get(turn).is_some_and(is_due))?;
+    /// What has its turn now: a stream that is due, or a block of the recording.
+    fn next_turn(&mut self, now: Instant) -> Option<Due> {
+        let is_due = |&turn: &usize| match self.streams.get(turn) {
+            Some(stream) => stream.due_at().is_some_and(|at| at <= now),
+            None => self.extension.has_blocks(),
+        };
+        let turn = (self.turn..=TOPICS.len()).chain(0..self.turn).find(is_due)?;
         self.turn = turn + 1;
-        let (topic, stream) = (*TOPICS.get(turn)?, self.streams.get_mut(turn)?);
+        let Some(&topic) = TOPICS.get(turn) else {
+            count(&mut self.counters.answers_sent, 1);
+            return self.extension.next_block().map(Due::Block);
+        };
+        count(&mut self.counters.telemetry_sent, 1);
+        Some(Due::Stream(topic, self.told(topic, turn, now)?))
+    }
+
+    /// Moves a stream on to its next period, past those that it has missed; since when it was due.
+    fn told(&mut self, topic: Topic, turn: usize, now: Instant) -> Option<Instant> {
         let period = topic.period(self.extension.settings()).as_ticks() as u32; // 60 s at most
+        let stream = self.streams.get_mut(turn)?;
         let due = stream.due;
         // 32 bits are over an hour; a line that was blocked for longer takes up a new rhythm.
         let late = u32::try_from(now.saturating_duration_since(due).as_ticks()).unwrap_or(u32::MAX);
         count(&mut self.counters.telemetry_skipped, late / period);
         let next = Duration::from_ticks((period - late % period).into());
         stream.told(now.saturating_add(next));
-        Some((topic, due))
+        Some(due)
     }
 
     /// Does what an intact frame asks of the session, and yields what it asks of the board.

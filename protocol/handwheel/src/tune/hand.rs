@@ -302,11 +302,8 @@ impl Hand {
                     return Err(stopped);
                 }
                 if asked.is_err() && came.is_empty() {
-                    return Err(Refused::Line(
-                        "the recording does not come through: telemetry may fill the line (a `telemetry period` of 50 \
-                         leaves room), or it is bad"
-                            .into(),
-                    ));
+                    let silent = "the recording does not come through: check the line";
+                    return Err(Refused::Line(silent.into()));
                 }
                 for block in came {
                     if block.serial != serial {
