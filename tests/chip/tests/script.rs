@@ -5,7 +5,7 @@
 //! its kinds, its lengths, how often it comes and, at rest, every one of its values.
 
 #[path = "../../tests/qemu/script.rs"]
-mod script;
+mod every_did;
 
 use std::collections::BTreeSet;
 
@@ -17,7 +17,7 @@ use hal_mock::plant::Scene;
 use protocol::deframe::Deframer;
 use protocol::pms5005::{Frame, MAX_FRAME, Pms5005, Report, did};
 
-use script::{ACKS, script};
+use every_did::{ACKS, script};
 
 /// A frame: RES, DID, DATA.
 type Said = (u8, u8, Vec<u8>);
