@@ -20,7 +20,7 @@ pub use crate::data::EncodeError;
 pub use errors::Errors;
 pub use instruction::{Instruction, SyncWrite, SyncWriter};
 pub use packet::{
-    Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD, Packet,
+    ByLength, Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD, Packet,
     StatusReceiver,
 };
 pub(crate) use packet::{Writer, sums_up};
