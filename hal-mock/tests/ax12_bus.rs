@@ -47,7 +47,8 @@ fn an_independent_master_finds_reads_and_writes_the_servos() {
     for bus in both("1-3,18") {
         let mut port = port(&bus);
         let handler = DynamixelProtocolHandler::v1();
-        for (id, is_there) in [(1, true), (2, true), (3, true), (18, true), (4, false), (0, false)] {
+        for (id, is_there) in [(1, true), (2, true), (3, true), (18, true), (4, false), (0, false)]
+        {
             assert_eq!(handler.ping(port.as_mut(), id).unwrap(), is_there, "servo {id}");
         }
         drop(port);
@@ -108,7 +109,9 @@ fn an_independent_master_sees_refusals_and_a_pulled_plug() {
         assert_eq!(handler.read(port.as_mut(), 1, 30, 2).unwrap(), [0, 2]);
 
         assert_eq!(bus.ask(json!({"set": {"unplug": [1]}})), json!({"ok": true}));
-        assert!(!handler.ping(port.as_mut(), 1).unwrap() && handler.ping(port.as_mut(), 2).unwrap());
+        assert!(
+            !handler.ping(port.as_mut(), 1).unwrap() && handler.ping(port.as_mut(), 2).unwrap()
+        );
         assert_eq!(bus.ask(json!({"set": {"replug": [1]}})), json!({"ok": true}));
         assert!(handler.ping(port.as_mut(), 1).unwrap());
 

@@ -26,7 +26,9 @@ mod end;
 use std::collections::VecDeque;
 
 use protocol::deframe::{Deframer, Framing};
-use protocol::dynamixel::{ByLength, Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register};
+use protocol::dynamixel::{
+    ByLength, Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register,
+};
 
 use crate::plant::Ax12;
 pub use end::{MasterEnd, MasterRx, MasterTx};

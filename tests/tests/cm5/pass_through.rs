@@ -173,12 +173,15 @@ fn a_long_packet_is_cut_through_and_reaches_the_bus_in_one_piece() {
     pc.run_ms(3);
     let left = pc.0.bus.bus().sending_until_ns() / 1000 - begun;
     assert_eq!(left, 980 + 50, "no pause");
-    assert!((0..18).all(|k| pc.0.bus.bus().servo(k).get(Register::GOAL_POSITION) == 513 + k as u16));
+    assert!(
+        (0..18).all(|k| pc.0.bus.bus().servo(k).get(Register::GOAL_POSITION) == 513 + k as u16)
+    );
     assert_eq!(pc.heard(), NOTHING);
 }
 
 #[test]
-fn two_seconds_after_the_pcs_last_byte_what_turns_endlessly_is_stopped_and_nobody_else_is_sent_anything() {
+fn two_seconds_after_the_pcs_last_byte_what_turns_endlessly_is_stopped_and_nobody_else_is_sent_anything()
+ {
     let mut pc = Pc::new([1, 2, 3, 200]);
     for id in [2, 200] {
         pc.set_up(&write(id, LIMITS, &ZERO));
@@ -249,7 +252,11 @@ fn limits_are_seen_in_whatever_writes_them() {
     pc.set_up(&packet(4, Instruction::Reset)); // now it is 1 too
     assert_eq!(pc.turners(), [3, 9]);
     pc.run_ms(3000);
-    assert_eq!([0, 1, 2, 3, 4].map(|k| pc.speed(k)), [300, 0, 0, 0, 300], "RESET itself has made it 0");
+    assert_eq!(
+        [0, 1, 2, 3, 4].map(|k| pc.speed(k)),
+        [300, 0, 0, 0, 300],
+        "RESET itself has made it 0"
+    );
     let all: Vec<_> = {
         let bus = pc.0.bus.bus();
         bus.servos().map(|(servo, _)| (servo.id(), servo.get(Register::CCW_LIMIT))).collect()
@@ -435,7 +442,9 @@ fn a_loop_that_hangs_silences_the_bus_at_the_latest_when_it_restarts_the_board_w
     // The watchdog's 250 ms, for another loop than `hear` behind the 200 that it may be silent. An idle loop has
     // had up to 50 of them.
     let late = 350..=452;
-    for (task, period) in [(Loop::Send, late.clone()), (Loop::Hear, 199..=251), (Loop::Transmit, late)] {
+    for (task, period) in
+        [(Loop::Send, late.clone()), (Loop::Hear, 199..=251), (Loop::Transmit, late)]
+    {
         let mut pc = Pc::new([1, 2]);
         pc.set_up(&write(1, LIMITS, &ZERO));
         pc.0.watchdog.hung.set(Some(task));

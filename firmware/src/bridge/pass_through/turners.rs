@@ -66,9 +66,16 @@ impl Known {
 enum Asked {
     Nobody,
     /// This one was asked for registers.
-    Read { id: Id, address: u8, count: u8 },
+    Read {
+        id: Id,
+        address: u8,
+        count: u8,
+    },
     /// This one may refuse what it was told; then all is as it was.
-    Write { id: Id, before: Known },
+    Write {
+        id: Id,
+        before: Known,
+    },
 }
 
 /// What is known of all servos.
@@ -108,8 +115,7 @@ impl Turners {
             Instruction::Write { address, data } => self.write(whom, address, data),
             Instruction::RegWrite { address, data } => {
                 let gives_id = given_id(address, data).is_some();
-                let registered =
-                    if gives_id { Limits::UNKNOWN } else { Limits::of(address, data) };
+                let registered = if gives_id { Limits::UNKNOWN } else { Limits::of(address, data) };
                 self.of(whom).iter_mut().for_each(|known| known.registered = registered);
             }
             Instruction::Action => {
