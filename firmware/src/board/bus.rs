@@ -130,11 +130,24 @@ impl Bus {
         }
     }
 
-    /// Sends what is in `outgoing`, behind what is being sent. What waits for the last stop bit waits for the
-    /// new one.
-    fn send(&self) {
+    /// Sends a byte, if none is being sent: the line waits for nothing, and all else for 10 us. Status first,
+    /// then data, clears the TC of the last time.
+    fn begin(&self, first: u8) -> bool {
         critical_section::with(|_| {
-            if self.outgoing.is_empty() {
+            if self.is_sending() {
+                return false;
+            }
+            self.direction.write(1);
+            let _ = self.registers.sr().read();
+            self.registers.dr().write(|w| w.set_dr(first.into()));
+            true
+        })
+    }
+
+    /// Goes on with what is in `outgoing`. What waits for the last stop bit waits for the new one.
+    fn go_on(&self, has_begun: bool) {
+        critical_section::with(|_| {
+            if !has_begun && self.outgoing.is_empty() {
                 return; // it has left already, behind what was being sent
             }
             self.direction.write(1);
@@ -188,11 +201,14 @@ impl ErrorType for Sender {
 impl Write for Sender {
     /// Waits for room for a byte at least; there is room for [`MAX_INSTRUCTION`].
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
-        if bytes.is_empty() {
-            return Ok(0);
-        }
-        let count = self.bus.outgoing.write(bytes).await;
-        self.bus.send();
+        let Some((&first, rest)) = bytes.split_first() else { return Ok(0) };
+        let has_begun = self.bus.begin(first);
+        let count = if has_begun {
+            1 + self.bus.outgoing.try_write(rest).unwrap_or(0) // it is empty: there is room
+        } else {
+            self.bus.outgoing.write(bytes).await
+        };
+        self.bus.go_on(has_begun);
         Ok(count)
     }
 
