@@ -142,9 +142,12 @@ fn what_an_independent_master_has_left_turning_is_stopped_by_the_pass_through_2_
         (&state["turn_endlessly"], &state["pass_through"]["stops"]),
         (&json!([1]), &json!(1))
     );
-    assert!(master.write_baudrate(2, 34).is_err());
+    drop(master);
+    let (handler, mut port) = (DynamixelProtocolHandler::v1(), port(&board));
+    let error = handler.write_with_error(port.as_mut(), 2, 4, &[34]).unwrap();
+    assert_eq!(error.byte(), 0x10, "the checksum error");
     assert_eq!(board.state()["pass_through"]["refused_bauds"], 1);
-    assert_eq!(master.read_raw_present_position(2).unwrap(), [512]);
+    assert_eq!(handler.read(port.as_mut(), 2, 4, 1).unwrap(), [1]);
 }
 
 #[test]

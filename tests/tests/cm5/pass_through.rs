@@ -521,6 +521,21 @@ fn a_failed_line_is_counted_and_used_again() {
     assert_eq!(pass.counters().bus_line_errors, 1);
 }
 
+#[test]
+fn an_echo_that_is_late_because_the_bus_is_slower_than_the_pc_is_no_collision() {
+    let mut pass = PassThrough::new();
+    let mut now = Instant::from_micros(1_000_000);
+    let mut asked = [write(1, 30, &[0, 1]), read(1, 30, 2)].concat();
+    pass.receive(&mut asked, now);
+    for byte in &asked {
+        now += Duration::from_micros(150); // a board that was busy, and less than a stall
+        pass.bus_hears(&[*byte], now);
+    }
+    pass.bus_hears(&status(1, Errors::NONE, &[0, 1]), now);
+    assert_eq!(pass.transmit(&mut [0; 64]), Some(&status(1, Errors::NONE, &[0, 1])[..]));
+    assert_eq!(pass.counters().collisions, 0);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 300,

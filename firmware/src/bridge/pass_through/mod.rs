@@ -230,18 +230,17 @@ impl PassThrough {
                 Some(&sent) if sent == byte => {
                     self.echo.pop_front();
                 }
-                Some(_) => self.collide(),
-                None if self.has_collided => {}
-                None => {
-                    self.answer(byte);
-                    continue;
+                Some(_) => {
+                    self.collide();
+                    count(&mut self.counters.collided_bytes, 1);
                 }
-            }
-            if self.has_collided {
-                count(&mut self.counters.collided_bytes, 1);
-                self.busy_until = self.busy_until.max(now);
+                None if self.has_collided => count(&mut self.counters.collided_bytes, 1),
+                None => self.answer(byte),
             }
         }
+        // A PC whose clock is faster than the board's is ahead of the bus, and ever more so.
+        let echo_takes = BYTE * self.echo.len() as u32; // 256 at most
+        self.busy_until = self.busy_until.max(now.saturating_add(echo_takes));
     }
 
     /// What has not come back when the bus has been quiet never will.
