@@ -11,7 +11,7 @@ use protocol::dynamixel::{
 
 use super::*;
 
-/// What goes out and what answers it, byte by byte, on the default bus.
+/// A byte on either line, at 1 Mbaud.
 const BYTE_US: u64 = 10;
 
 struct Pc(PassThroughBoard);
