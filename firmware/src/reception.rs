@@ -14,7 +14,7 @@ pub(crate) const CHUNK: usize = 64;
 /// How long a line that failed is left alone.
 pub(crate) const LINE_DOWN: Duration = Duration::from_millis(1);
 /// How long a frame's bytes may pause.
-const LONGEST_PAUSE: Duration = Duration::from_millis(100);
+pub(crate) const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 /// How long a frame may take in all. The longest of the PMS5005, 264 bytes, takes 23 ms at 115200
 /// baud and 275 ms at 9600.
 const LONGEST_FRAME: Duration = Duration::from_millis(500);

@@ -12,7 +12,8 @@
 //! - [`flash`]: the memory for the settings, which may lose power at any byte;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
 //! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`];
-//! - [`cm5_board`]: the CM-5's bridge over a line and a servo bus: a [`cm5_board::Cm5Board`].
+//! - [`cm5_board`]: the CM-5's bridge over a line and a servo bus: a [`cm5_board::Cm5Board`];
+//! - [`pass_through_board`]: the same as a pass-through.
 //!
 //! Tests move the clock by hand; the program `virtual-board` moves it with the wall clock. The
 //! first three need no operating system: the image `src/bin/qemu` runs the same tasks over the
@@ -30,6 +31,8 @@ pub mod board;
 pub mod cm5_board;
 #[cfg(feature = "std")]
 pub mod flash;
+#[cfg(feature = "std")]
+pub mod pass_through_board;
 #[cfg(feature = "std")]
 pub mod running;
 #[cfg(feature = "std")]

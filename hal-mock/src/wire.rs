@@ -3,7 +3,8 @@
 //! Both directions carry one byte in ten bit times, as a UART does with 8 data bits, no parity and
 //! one stop bit; at 0 baud the line takes no time. The board's side is `embedded_io_async`'s
 //! `Read` and `Write`; one `write` is one frame and arrives with its last stop bit. Bytes for
-//! the board arrive in pieces of up to 16, as a DMA that reports its progress would tell.
+//! the board arrive in pieces of up to 16, as a DMA that reports its progress would tell, or in what a
+//! board that looks more often finds.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -12,10 +13,10 @@ use std::future::{pending, poll_fn};
 use std::rc::Rc;
 use std::task::{Poll, Waker};
 
-use embassy_time::{Instant, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
-/// Bytes after which the receiver's side looks at what has come.
+/// Bytes after which the receiver's side looks at what has come, unless it looks more often.
 const PIECE: usize = 16;
 
 /// A line. Clones are handles to the same line.
@@ -25,6 +26,8 @@ pub struct Line(Rc<RefCell<State>>);
 struct State {
     /// Nanoseconds a byte.
     byte_ns: u64,
+    /// Bytes after which the board looks at what has come.
+    piece: usize,
     to_board: VecDeque<u8>,
     /// The pieces of `to_board`: when the last byte of each arrives (ns), and its length.
     pieces: VecDeque<(u64, usize)>,
@@ -44,9 +47,23 @@ struct State {
 impl Line {
     /// A line of `baud` bits a second; 0 takes no time.
     pub fn new(baud: u32) -> Self {
+        Self::in_pieces(baud, |_| PIECE)
+    }
+
+    /// One whose board looks so often at what has come.
+    pub fn looked_at(baud: u32, every: Duration) -> Self {
+        Self::in_pieces(baud, |byte_ns| {
+            let bytes = (every.as_micros() * 1000).checked_div(byte_ns);
+            bytes.map_or(PIECE, |bytes| (bytes as usize).clamp(1, PIECE))
+        })
+    }
+
+    fn in_pieces(baud: u32, piece: impl Fn(u64) -> usize) -> Self {
         let byte_ns = 10_000_000_000u64.checked_div(baud.into()).unwrap_or(0);
+        let piece = piece(byte_ns);
         Self(Rc::new(RefCell::new(State {
             byte_ns,
+            piece,
             to_board: VecDeque::new(),
             pieces: VecDeque::new(),
             to_board_busy: 0,
@@ -65,7 +82,7 @@ impl Line {
         if state.is_cut {
             return;
         }
-        for piece in bytes.chunks(PIECE) {
+        for piece in bytes.chunks(state.piece) {
             let begin = begin(state.to_board_busy);
             state.to_board_busy = begin + state.byte_ns * piece.len() as u64;
             let arrival = (state.to_board_busy, piece.len());

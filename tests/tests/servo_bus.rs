@@ -421,6 +421,7 @@ fn a_cycle_of_the_bridge_takes_what_the_formula_says() {
                     writer.servo(id(number)).unwrap().copy_from_slice(values);
                 }
                 tx.write_all(writer.finish().unwrap()).await.unwrap();
+                tx.flush().await.unwrap();
             }
         });
         assert_eq!(cycle, Duration::from_micros(cycle_us), "{servos} servos, {latency_us} us");
@@ -441,6 +442,8 @@ fn a_waiting_reader_hears_what_is_sent_meanwhile_before_the_answer_it_waits_for(
     let mut heard = vec![];
     let sender = async {
         tx.write_all(&encoded(1, Instruction::Ping)).await.unwrap();
+        assert_eq!(Instant::now(), Instant::from_micros(0), "there is room");
+        tx.flush().await.unwrap();
         assert_eq!(Instant::now(), Instant::from_micros(60), "the last stop bit has left");
         Timer::at(Instant::from_micros(100)).await;
         tx.write_all(&[0]).await.unwrap();

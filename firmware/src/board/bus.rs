@@ -7,8 +7,9 @@
 //! its echo with both (README.md beside this file has the two wirings).
 //!
 //! Promises, shown on the modelled chip (`tests/chip/tests/cm5.rs`, `bus.rs`):
-//! - A write is complete at TC, and what is written in one piece leaves in one piece. The receiver
-//!   is never switched off, so a servo may answer at once.
+//! - A write returns when there is room for its bytes, which leave without a pause behind those before; the
+//!   direction changes, and a flush is complete, at the TC behind the last of them. The receiver is never
+//!   switched off, so a servo may answer at once.
 //! - A reader is woken by every byte, and the bus waits for no pause to tell that an answer is
 //!   complete. Nobody else reads the data register, and nobody ever writes the status register, so
 //!   no byte is lost to a race (`line` says how that happens).
@@ -129,17 +130,38 @@ impl Bus {
         }
     }
 
-    /// Begins to send; the line waits for nothing, and all else for 10 us. Status first, then data, clears the TC
-    /// of the last time.
-    fn begin(&self, first: u8) {
-        self.direction.write(1);
-        let _ = self.registers.sr().read();
-        self.registers.dr().write(|w| w.set_dr(first.into()));
+    /// Sends a byte, if none is being sent: the line waits for nothing, and all else for 10 us. Status first,
+    /// then data, clears the TC of the last time.
+    fn begin(&self, first: u8) -> bool {
+        critical_section::with(|_| {
+            if self.is_sending() {
+                return false;
+            }
+            self.direction.write(1);
+            let _ = self.registers.sr().read();
+            self.registers.dr().write(|w| w.set_dr(first.into()));
+            true
+        })
     }
 
-    /// Goes on with what is in `outgoing`.
-    fn go_on(&self) {
-        critical_section::with(|_| self.registers.cr1().modify(|w| w.set_txeie(true)));
+    /// Goes on with what is in `outgoing`. What waits for the last stop bit waits for the new one.
+    fn go_on(&self, has_begun: bool) {
+        critical_section::with(|_| {
+            if !has_begun && self.outgoing.is_empty() {
+                return; // it has left already, behind what was being sent
+            }
+            self.direction.write(1);
+            self.registers.cr1().modify(|w| {
+                w.set_txeie(true);
+                w.set_tcie(false);
+            });
+        });
+    }
+
+    /// Whether the last stop bit has still to leave.
+    fn is_sending(&self) -> bool {
+        let enabled = self.registers.cr1().read();
+        enabled.txeie() || enabled.tcie()
     }
 }
 
@@ -177,20 +199,24 @@ impl ErrorType for Sender {
 }
 
 impl Write for Sender {
-    /// Of an instruction, no more than [`MAX_INSTRUCTION`] bytes.
-    async fn write(&mut self, instruction: &[u8]) -> Result<usize, Self::Error> {
-        let count = instruction.len().min(MAX_INSTRUCTION);
-        let Some((&first, rest)) = instruction[..count].split_first() else { return Ok(0) };
-        self.bus.sent.reset();
-        self.bus.begin(first);
-        self.bus.outgoing.write_all(rest).await; // there is room: the last has left
-        self.bus.go_on();
-        self.bus.sent.wait().await;
+    /// Waits for room for a byte at least; there is room for [`MAX_INSTRUCTION`].
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
+        let Some((&first, rest)) = bytes.split_first() else { return Ok(0) };
+        let has_begun = self.bus.begin(first);
+        let count = if has_begun {
+            1 + self.bus.outgoing.try_write(rest).unwrap_or(0) // it is empty: there is room
+        } else {
+            self.bus.outgoing.write(bytes).await
+        };
+        self.bus.go_on(has_begun);
         Ok(count)
     }
 
-    /// Nothing to do: a write is complete when the last stop bit has left.
+    /// Waits until the last stop bit has left.
     async fn flush(&mut self) -> Result<(), Self::Error> {
+        while self.bus.is_sending() {
+            self.bus.sent.wait().await;
+        }
         Ok(())
     }
 }

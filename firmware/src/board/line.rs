@@ -1,7 +1,7 @@
 //! The host's line: a UART, 8N1 at the image's baud, `embedded_io_async`'s `Read` and `Write`.
 //!
 //! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at shortly before each
-//! control period ([`next_look`]). embassy's own receivers are not used, because each of their looks
+//! control period ([`next_look`]), or as often as [`Receiver::look_every`] says. embassy's own receivers are not used, because each of their looks
 //! reads the data register, and a byte that arrives at that moment is lost to the DMA. What is lost or
 //! damaged all the same is an error once, which the session counts; reading goes on after it.
 //! Sending is DMA by embassy's transmitter, which touches only the transmit side.
@@ -18,7 +18,7 @@ use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::usart::{
     self, Config, Instance, InterruptHandler, RxDma, RxPin, TxDma, TxPin, Uart, UartRx, UartTx,
 };
-use embassy_time::{Instant, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
 use super::dma::{Round, Stream};
@@ -81,7 +81,9 @@ pub fn new<T: Instance, RxD: RxDma<T>, TxD: TxDma<T>>(
     unsafe { ring.start() };
     registers.cr3().modify(|w| w.set_dmar(true));
     let stream = ring.stream;
-    (Receiver { registers, stream, tail: 0, damaged: false, _uart: rx }, Sender(tx))
+    let receiver =
+        Receiver { registers, stream, tail: 0, damaged: false, look_every: None, _uart: rx };
+    (receiver, Sender(tx))
 }
 
 /// The receiving half.
@@ -93,11 +95,23 @@ pub struct Receiver {
     tail: usize,
     /// The error flags stand, and have been reported.
     damaged: bool,
+    /// Looks at the ring so often; `None` as control needs it.
+    look_every: Option<Duration>,
     /// Owns the pin, the UART and the stream.
     _uart: UartRx<'static, Async>,
 }
 
 impl Receiver {
+    /// From now on looks so often for what has come.
+    pub fn look_every(&mut self, period: Duration) {
+        self.look_every = Some(period);
+    }
+
+    fn next_look(&self) -> Instant {
+        let now = Instant::now();
+        self.look_every.map_or_else(|| next_look(now), |period| now + period)
+    }
+
     /// Takes what has arrived. Errors are noise, a framing error or a byte that the DMA was too
     /// late for, and a ring that was full: what was in it is dropped.
     fn take(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
@@ -143,7 +157,7 @@ impl Read for Receiver {
     async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ErrorKind> {
         loop {
             match self.take(buffer)? {
-                0 => Timer::at(next_look(Instant::now())).await,
+                0 => Timer::at(self.next_look()).await,
                 count => return Ok(count),
             }
         }

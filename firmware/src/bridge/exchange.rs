@@ -17,14 +17,14 @@ use protocol::dynamixel::{Errors, Id, OVERHEAD, Packet, StatusReceiver};
 use crate::reception::count;
 
 /// A byte at 1 Mbaud.
-const BYTE: Duration = Duration::from_micros(10);
+pub const BYTE: Duration = Duration::from_micros(10);
 /// Servos pause for up to 150 us in the middle of a packet (facts).
 const STALL: Duration = Duration::from_micros(150);
 /// The next byte of an answer comes within a stall and its own time; some more for a board that
 /// tells of bytes late.
 const NEXT_BYTE: Duration = Duration::from_micros(180);
 /// After a collision the line must have been quiet for a stall and a byte.
-const QUIET: Duration = NEXT_BYTE;
+pub const QUIET: Duration = NEXT_BYTE;
 /// How much later than it should an echo may be complete: boards hand over bytes in pieces.
 const ECHO_SLACK: Duration = Duration::from_millis(2);
 /// However the line babbles, an exchange ends. An answer of 14 bytes with a stall after each of

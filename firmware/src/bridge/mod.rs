@@ -22,6 +22,7 @@
 //! | `cycle` | the loop of work |
 //! | `pc` | hello, answers, goals, reports, silence |
 //! | `settings` | what an owner may choose |
+//! | [`pass_through`] | no bridge at all: the PC is the bus's master |
 //! | [`tasks`] | its three loops, where time passes |
 //!
 //! The walks of a byte through it, hop by hop, stand in the front page of the [crate].
@@ -65,6 +66,7 @@
 mod bus_servo;
 mod cycle;
 mod exchange;
+pub mod pass_through;
 mod pc;
 mod roster;
 mod search;

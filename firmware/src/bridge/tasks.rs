@@ -33,23 +33,33 @@ use crate::liveness::{BRIDGE_SILENCE, CHECK_IN_PERIOD, Liveness, RollCall};
 use crate::reception::{CHUNK, LINE_DOWN};
 
 /// Who must answer, for the bus's loop to feed the watchdog.
-const RECEIVE: usize = 0;
-const TRANSMIT: usize = 1;
+pub(super) const RECEIVE: usize = 0;
+pub(super) const TRANSMIT: usize = 1;
 const TASKS: usize = 2;
 
 /// How often the bus's loop looks at the others, at the least while bytes come.
-const LOOK: Duration = Duration::from_millis(1);
+pub(super) const LOOK: Duration = Duration::from_millis(1);
 
 /// What the loops of a bridge share, made once by `main`.
 pub struct BridgeChannels<M: RawMutex> {
-    roll_call: RollCall<M, TASKS>,
-    something_to_send: Signal<NoopRawMutex, ()>,
+    pub(super) roll_call: RollCall<M, TASKS>,
+    pub(super) something_to_send: Signal<NoopRawMutex, ()>,
 }
 
 impl<M: RawMutex> BridgeChannels<M> {
     /// Nobody has come round yet.
     pub const fn new() -> Self {
         Self { roll_call: RollCall::new(BRIDGE_SILENCE), something_to_send: Signal::new() }
+    }
+
+    /// Calls `feed` as long as all loops come round; they were `checked` last then.
+    pub(super) fn check(&self, checked: &mut Instant, now: Instant, feed: &mut impl FnMut()) {
+        let passed_ms = (now - *checked).as_millis();
+        *checked += Duration::from_millis(passed_ms); // what is less counts the next time
+        let passed_ms = u16::try_from(passed_ms).unwrap_or(u16::MAX);
+        if self.roll_call.check(passed_ms, false) != Liveness::Hung {
+            feed();
+        }
     }
 }
 
@@ -116,7 +126,7 @@ pub async fn transmit<M: RawMutex>(
 /// [`BRIDGE_WATCHDOG_PERIOD`](crate::liveness::BRIDGE_WATCHDOG_PERIOD).
 ///
 /// The bus is one wire: what goes out on `bus_tx` must be heard on `bus_rx`, byte by byte before
-/// whatever answers it, and a `write` there is complete when the last stop bit has left, or later.
+/// whatever answers it, and a `flush` there is complete when the last stop bit has left, or later.
 /// The buffer below `bus_rx` holds the longest instruction and an answer:
 /// [`MAX_INSTRUCTION`] and 14 bytes.
 ///
@@ -133,12 +143,7 @@ pub async fn bus<M: RawMutex>(
     let mut buffer = [0; CHUNK];
     let mut checked = Instant::now();
     let mut look = |now: Instant| {
-        let passed_ms = (now - checked).as_millis();
-        checked += Duration::from_millis(passed_ms); // what is less counts the next time
-        let passed_ms = u16::try_from(passed_ms).unwrap_or(u16::MAX);
-        if channels.roll_call.check(passed_ms, false) != Liveness::Hung {
-            feed();
-        }
+        channels.check(&mut checked, now, &mut feed);
         if bridge.borrow().sends_at() <= now {
             channels.something_to_send.signal(());
         }
@@ -159,8 +164,11 @@ pub async fn bus<M: RawMutex>(
                     }
                 }
             };
-            let (Either::First(sent) | Either::Second(sent)) =
-                select(bus_tx.write_all(packet), meanwhile).await;
+            let send = async {
+                bus_tx.write_all(packet).await?;
+                bus_tx.flush().await
+            };
+            let (Either::First(sent) | Either::Second(sent)) = select(send, meanwhile).await;
             if sent.is_err() {
                 bridge.borrow_mut().bus_failed();
                 Timer::after(LINE_DOWN).await;

@@ -1,7 +1,7 @@
 //! The master's end of the bus on virtual time: a UART whose pin both sends and receives.
 //!
-//! One `write` is one packet; it completes when the last stop bit has left, which is when a half
-//! duplex driver turns the line round. What was written appears in what is read, byte by byte, when
+//! A `write` returns when there is room for its bytes, as a board's does; a `flush` completes when the last stop bit
+//! has left, which is when a half duplex driver turns the line round. What was written appears in what is read, byte by byte, when
 //! its stop bits pass (unless the bus is made without echo); then the servos' answers do.
 
 use std::cell::{RefCell, RefMut};
@@ -13,6 +13,7 @@ use std::task::{Poll, Waker};
 use embassy_futures::select::select;
 use embassy_time::Instant;
 use embedded_io_async::{ErrorType, Read, Write};
+use firmware::bridge::MAX_INSTRUCTION;
 
 use super::ServoBus;
 use crate::wire::{begin, until};
@@ -101,6 +102,10 @@ impl Read for MasterRx {
     }
 }
 
+/// Bytes that the transmitter holds, the one that is leaving among them: a board has room for its longest
+/// instruction.
+const ROOM: u64 = MAX_INSTRUCTION as u64;
+
 /// The master's transmitter.
 pub struct MasterTx(MasterEnd);
 
@@ -109,26 +114,34 @@ impl ErrorType for MasterTx {
 }
 
 impl Write for MasterTx {
-    /// Sends one packet; complete when its last stop bit has left. Sent it is, even if the caller
-    /// does not wait for that.
-    async fn write(&mut self, packet: &[u8]) -> Result<usize, Infallible> {
-        let end = {
+    /// Takes what there is room for, and waits for room for a byte at least.
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        if bytes.is_empty() {
+            return Ok(0);
+        }
+        let byte_ns = self.0.bus().byte_ns();
+        let until_room = self.0.bus().sending_until_ns().saturating_sub((ROOM - 1) * byte_ns);
+        until(until_room).await;
+        let count = {
             let mut bus = self.0.bus();
             let start = begin(bus.sending_until_ns());
-            bus.send(start, packet)
+            let waiting = bus.sending_until_ns().saturating_sub(now_ns()).div_ceil(byte_ns);
+            let count = bytes.len().min(ROOM.saturating_sub(waiting) as usize);
+            bus.send(start, &bytes[..count]);
+            count
         };
-        {
-            let mut state = self.0.0.borrow_mut();
-            state.sent = state.sent.wrapping_add(1);
-            if let Some(reader) = state.reader.take() {
-                reader.wake();
-            }
+        let mut state = self.0.0.borrow_mut();
+        state.sent = state.sent.wrapping_add(1);
+        if let Some(reader) = state.reader.take() {
+            reader.wake();
         }
-        until(end).await;
-        Ok(packet.len())
+        Ok(count)
     }
 
+    /// Waits until the last stop bit has left.
     async fn flush(&mut self) -> Result<(), Infallible> {
+        let end = self.0.bus().sending_until_ns();
+        until(end).await;
         Ok(())
     }
 }

@@ -26,7 +26,9 @@ mod end;
 use std::collections::VecDeque;
 
 use protocol::deframe::{Deframer, Framing};
-use protocol::dynamixel::{Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register};
+use protocol::dynamixel::{
+    ByLength, Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register,
+};
 
 use crate::plant::Ax12;
 pub use end::{MasterEnd, MasterRx, MasterTx};
@@ -103,27 +105,11 @@ struct Byte {
 struct Socket {
     servo: Ax12,
     plugged: bool,
-    receiver: Deframer<AsServosDo, MAX_PACKET>,
+    receiver: Deframer<ByLength, MAX_PACKET>,
     last_byte_ns: u64,
     /// Until when it is deaf: it prepares an answer, sends it, or is busy with its EEPROM.
     busy_ns: u64,
     answer: VecDeque<Byte>,
-}
-
-/// How a servo receives: it believes the length, and looks at the checksum when all is there.
-enum AsServosDo {}
-
-impl Framing for AsServosDo {
-    const START: [u8; 2] = Dynamixel::START;
-    const HEADER: usize = Dynamixel::HEADER;
-
-    fn length(header: &[u8]) -> Option<usize> {
-        Dynamixel::length(header)
-    }
-
-    fn is_intact(_: &[u8]) -> bool {
-        true
-    }
 }
 
 impl ServoBus {
@@ -202,6 +188,11 @@ impl ServoBus {
             self.master_busy_ns += self.byte_ns;
         }
         self.master_busy_ns
+    }
+
+    /// How long a byte takes, in ns.
+    pub fn byte_ns(&self) -> u64 {
+        self.byte_ns
     }
 
     /// Until when the master is sending what it has been given so far.

@@ -42,8 +42,8 @@ fn the_pms5005_boots_talks_and_drives_and_asks_the_part_for_nothing_that_it_lack
 }
 
 #[test]
-fn the_arm_and_the_bridge_boot_without_a_gap() {
-    for image in ["pioneer-arm-f407", "cm5-f407"] {
+fn the_arm_the_bridge_and_the_pass_through_boot_without_a_gap() {
+    for image in ["pioneer-arm-f407", "cm5-f407", "cm5-pass-through-f407"] {
         let mut bench = Bench::boot(image);
         bench.run_for(1500);
         assert_eq!(gaps(&bench), [""; 0], "{image}");
@@ -184,7 +184,15 @@ fn what_has_no_clock_does_not_answer() {
 #[test]
 fn embassy_s_clock_counts_no_half_period_before_the_first() {
     const TIM5_CNT: u64 = 0x4000_0C24;
-    for image in ["pms5005-f407", "pms5005-f446", "pioneer-arm-f407", "cm5-f407", "cm5-f446"] {
+    let images = [
+        "pms5005-f407",
+        "pms5005-f446",
+        "pioneer-arm-f407",
+        "cm5-f407",
+        "cm5-f446",
+        "cm5-pass-through-f407",
+    ];
+    for image in images {
         let mut bench = Bench::boot(image);
         let driver = bench.symbol("11time_driver6driver6DRIVER");
         let look = |bench: &Bench| {

@@ -10,6 +10,7 @@ mod latency;
 mod line;
 mod motion;
 mod order;
+mod pass_through;
 mod power;
 mod probe;
 mod recorder;

@@ -4,7 +4,7 @@
 //! proved is what that compiler can prove.
 //!
 //! What is proved: the wire formats in both directions, the core (controller, safety, settings, recorder) and all
-//! personalities, the CM-5's bridge among them, fed with any bytes at any time.
+//! personalities, the CM-5's bridge and pass-through among them, fed with any bytes at any time.
 //!
 //! What is left out: the executor, the drivers under `board/`, and the tasks of `app`, which wait on
 //! `RefCell`s that only they share; their asserts are the library's own. The flash's store is
@@ -55,5 +55,6 @@ fn any<T: Default>() -> T {
 extern "C" fn everything() {
     core_and_sessions::run();
     bridge::run();
+    bridge::run_pass_through();
     wire::run();
 }

@@ -5,10 +5,12 @@
 //! - `work.rs`: goals, reports, silence;
 //! - `faults.rs`: servos that go and come, noise;
 //! - `watchdog.rs`: loops that hang;
-//! - `scripted.rs`: the bridge alone, on a bus that does what no servo would.
+//! - `scripted.rs`: the bridge alone, on a bus that does what no servo would;
+//! - `pass_through.rs`: no bridge at all, the PC is the bus's master.
 
 mod faults;
 mod packets;
+mod pass_through;
 mod scripted;
 mod startup;
 mod watchdog;

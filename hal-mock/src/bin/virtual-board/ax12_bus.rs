@@ -61,6 +61,11 @@ impl Ax12Bus {
     }
 }
 
+/// Tells the packets of a master apart.
+pub fn follower() -> Box<dyn Follower> {
+    Box::new(Frames::<Dynamixel, MAX_PACKET>::new(FORMAT))
+}
+
 impl Machine for Ax12Bus {
     fn name(&self) -> &'static str {
         "AX-12 bus"
@@ -71,7 +76,7 @@ impl Machine for Ax12Bus {
     }
 
     fn follower(&self) -> Box<dyn Follower> {
-        Box::new(Frames::<Dynamixel, MAX_PACKET>::new(FORMAT))
+        follower()
     }
 
     fn run_until(&mut self, time: Instant) {

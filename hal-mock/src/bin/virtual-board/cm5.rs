@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use crate::follow::{Follower, Format, Frames};
 use crate::machine::Machine;
 use crate::options::Options;
-use crate::servos;
+use crate::{pass_through, servos};
 
 struct Cm5 {
     board: Cm5Board,
@@ -25,6 +25,9 @@ struct Cm5 {
 
 /// The CM-5 that the options ask for, or in one line what is wrong with them.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
+    if options.pass_through {
+        return pass_through::machine(options);
+    }
     let (ids, faults) = (options.servos()?, options.bus_faults()?);
     let board = Cm5Board::new(Make {
         servos: ids.iter().copied().map(Ax12::new).collect(),

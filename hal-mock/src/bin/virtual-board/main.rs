@@ -13,6 +13,7 @@ mod links;
 mod machine;
 mod options;
 mod page;
+mod pass_through;
 mod pioneer_arm;
 mod pms5005;
 mod printer;

@@ -47,14 +47,17 @@ pub struct Options {
     /// Where saved settings are kept; without it they are lost when the board ends.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7; 1 to 253, for ax12-bus 0
-    /// too.
+    /// The servos on the bus, by their IDs: numbers and ranges, as 1,2,5-7; 1 to 253, for ax12-bus and
+    /// --pass-through 0 too.
     #[arg(long, value_name = "IDS", default_value = "1-6")]
     servos: String,
     /// What goes wrong on the servo bus, in parts of a million of its bytes: dropped, flipped and
     /// stalled, 0 to 1000000 each, as flipped=100,stalled=2000.
     #[arg(long, value_name = "RATES", default_value = "")]
     bus_faults: String,
+    /// Be no bridge: the PC speaks Dynamixel 1.0 itself, and what it says goes to the servo bus as it comes.
+    #[arg(long)]
+    pub pass_through: bool,
     /// Pace both directions as a UART of that baud would, 9600 or more (a PMS5005's 19200); 0 does not [default: 115200, and 1000000
     /// for a CM-5 or a servo bus].
     #[arg(long, value_name = "BAUD")]
@@ -94,13 +97,14 @@ enum DialectName {
 }
 
 /// Options that are not for every personality, and for whom they are.
-const PARTICULAR: [(&str, &[Personality]); 7] = [
+const PARTICULAR: [(&str, &[Personality]); 8] = [
     ("udp", &[Personality::Pms5005]),
     ("web", &[Personality::Pms5005, Personality::PioneerArm, Personality::Cm5]),
     ("scene", &[Personality::Pms5005]),
     ("dialect", &[Personality::PioneerArm]),
     ("servos", &[Personality::Cm5, Personality::Ax12Bus]),
     ("bus_faults", &[Personality::Cm5, Personality::Ax12Bus]),
+    ("pass_through", &[Personality::Cm5]),
     ("settings", &[Personality::Pms5005, Personality::PioneerArm]),
 ];
 
@@ -170,6 +174,9 @@ impl Options {
             return Err("--line-rate 0: a servo bus takes its time, give 9600 or more".into());
         }
         let web = self.web.clone().filter(|address| address != OFF);
+        if self.pass_through && web.is_some() {
+            return Err("--web: a pass-through has no page, its PC is the servos' master".into());
+        }
         let addresses = [
             ("--tcp", &self.tcp),
             ("--udp", &self.udp),
@@ -208,14 +215,19 @@ impl Options {
     /// Where to serve the page, if at all.
     pub fn web(&self) -> Option<Address<'_>> {
         let is_asked = self.web.is_some();
-        let has_page = self.personality != Personality::Ax12Bus && !self.headless;
+        let has_page = self.has_personality() && !self.headless;
         let is_on = self.web.as_deref() != Some(OFF) && (is_asked || has_page);
         is_on.then(|| Address::new("--web", self.web.as_deref(), "127.0.0.1:5080"))
     }
 
+    /// Whether a host speaks to a firmware, and not to the servos themselves.
+    fn has_personality(&self) -> bool {
+        self.personality != Personality::Ax12Bus && !self.pass_through
+    }
+
     /// The servos on the bus. A CM-5 searches no ID 0.
     pub fn servos(&self) -> Result<Vec<u8>, String> {
-        servos::ids(&self.servos, u8::from(self.personality != Personality::Ax12Bus))
+        servos::ids(&self.servos, u8::from(self.has_personality()))
     }
 
     /// What goes wrong on the bus.

@@ -1,0 +1,97 @@
+//! The CM-5 as a pass-through, as a [`Machine`]: its host is the servos' master. Servos are named by the IDs
+//! they had in the beginning.
+
+use embassy_time::Instant;
+use firmware::bridge::pass_through::PassThroughCounters;
+use hal_mock::pass_through_board::{Make, PassThroughBoard};
+use hal_mock::plant::Ax12;
+use hal_mock::servo_bus::{self, Faults};
+use hal_mock::wire::Line;
+use serde_json::{Map, Value, json};
+
+use crate::follow::Follower;
+use crate::machine::Machine;
+use crate::options::Options;
+use crate::{ax12_bus, servos};
+
+struct PassThrough {
+    board: PassThroughBoard,
+    faults: Faults,
+    /// The IDs in the beginning.
+    ids: Vec<u8>,
+}
+
+/// The pass-through that the options ask for, or in one line what is wrong with them.
+pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
+    let (ids, faults) = (options.servos()?, options.bus_faults()?);
+    let board = PassThroughBoard::new(Make {
+        servos: ids.iter().copied().map(Ax12::new).collect(),
+        bus: servo_bus::Make { faults, seed: options.seed(None), ..servo_bus::Make::default() },
+        line_rate: options.line_rate(),
+    });
+    Ok(Box::new(PassThrough { board, faults, ids }))
+}
+
+impl Machine for PassThrough {
+    fn name(&self) -> &'static str {
+        "CM-5 as a pass-through"
+    }
+
+    fn line(&self) -> &Line {
+        &self.board.line
+    }
+
+    fn follower(&self) -> Box<dyn Follower> {
+        ax12_bus::follower()
+    }
+
+    fn run_until(&mut self, time: Instant) {
+        self.board.run_until(time);
+    }
+
+    fn status(&self) -> String {
+        let PassThroughCounters { refused_bauds, stops, .. } = self.board.pass().counters();
+        let positions = servos::positions(self.board.bus.bus().servos());
+        format!("stops={stops} refused={refused_bauds} positions={positions}")
+    }
+
+    fn faults(&self) -> Vec<String> {
+        servos::errors(self.board.bus.bus().servos())
+    }
+
+    fn state(&self) -> Value {
+        let bus = self.board.bus.bus();
+        let servos = bus.servos().map(|(servo, plugged)| servos::state(servo, plugged));
+        let servos: Vec<_> = servos.collect();
+        let pass = self.board.pass();
+        let turners: Vec<u8> = pass.turners().collect();
+        let counters = pass.counters();
+        json!({
+            "t_ms": Instant::now().as_millis(),
+            "servos": servos,
+            "turn_endlessly": turners,
+            "pass_through": {
+                "instructions": counters.instructions,
+                "refused_bauds": counters.refused_bauds,
+                "stops": counters.stops,
+                "collisions": counters.collisions,
+                "collided_bytes": counters.collided_bytes,
+                "lost_bytes": counters.lost_bytes,
+                "pc_line_errors": counters.pc_line_errors,
+                "bus_line_errors": counters.bus_line_errors,
+            },
+        })
+    }
+
+    fn settable(&self) -> &'static [&'static str] {
+        &servos::SETTABLE
+    }
+
+    fn overridden(&self) -> Map<String, Value> {
+        servos::overridden(&self.board.bus.bus(), &self.ids, &self.faults)
+    }
+
+    fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
+        servos::set(&mut self.board.bus.bus(), &self.ids, &mut self.faults, changes)
+    }
+}
