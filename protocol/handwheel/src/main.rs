@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
+use anstyle_query::windows::enable_ansi_colors;
 use handwheel::cli::{Interrupt, Surroundings, run};
 use signal_hook::flag;
 
@@ -25,7 +26,8 @@ fn main() -> ExitCode {
         }
     }
     let (mut out, mut err) = (std::io::stdout(), std::io::stderr());
-    let is_terminal = out.is_terminal();
+    // Windows' own terminal can be drawn on once it is told to; others can anyway.
+    let is_terminal = out.is_terminal() && enable_ansi_colors().unwrap_or(true);
     let mut keyboard = std::io::stdin().lock();
     let is_asked = is_terminal && keyboard.is_terminal();
     let keyboard = is_asked.then_some(&mut keyboard as &mut dyn std::io::BufRead);
