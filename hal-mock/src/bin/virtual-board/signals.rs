@@ -1,22 +1,16 @@
-//! The signals that end the board: a Ctrl-C, and what else asks a program to end.
+//! What ends the board: a Ctrl-C, and whatever else asks a program to end.
 
-use std::io::Result;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+/// Has each of the signals set `stop`, but for those that whoever has started the program wants it to
+/// ignore (as `nohup` does).
 #[cfg(unix)]
-use signal_hook::consts::{SIGHUP, SIGQUIT};
-use signal_hook::consts::{SIGINT, SIGTERM};
-
-#[cfg(unix)]
-const SIGNALS: [i32; 4] = [SIGHUP, SIGINT, SIGQUIT, SIGTERM];
-#[cfg(not(unix))]
-const SIGNALS: [i32; 2] = [SIGINT, SIGTERM];
-
-/// Has each of them set `stop`, but for those that whoever has started the program wants it to ignore
-/// (as `nohup` does).
-pub fn end(stop: &Arc<AtomicBool>) -> Result<()> {
-    for signal in SIGNALS.into_iter().filter(|&signal| !is_ignored(signal)) {
+pub fn end(stop: &Arc<AtomicBool>) -> std::io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+    for signal in
+        [SIGHUP, SIGINT, SIGQUIT, SIGTERM].into_iter().filter(|&signal| !is_ignored(signal))
+    {
         signal_hook::flag::register(signal, stop.clone())?;
     }
     Ok(())
@@ -32,7 +26,9 @@ fn is_ignored(signal: i32) -> bool {
     }
 }
 
-#[cfg(not(unix))]
-fn is_ignored(_: i32) -> bool {
-    false
+/// Has the console's events set `stop`.
+#[cfg(windows)]
+pub fn end(stop: &Arc<AtomicBool>) -> Result<(), ctrlc::Error> {
+    let stop = stop.clone();
+    ctrlc::set_handler(move || stop.store(true, std::sync::atomic::Ordering::Relaxed))
 }
