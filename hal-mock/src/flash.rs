@@ -7,9 +7,8 @@
 //! is taken away, or that a full disk does not take, fails a save and nothing else.
 
 use std::cell::RefCell;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
-use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 use std::rc::Rc;
 
@@ -78,7 +77,8 @@ impl Flash {
         let complain = |e: std::io::Error| e.to_string();
         // Before it is opened: a FIFO would wait for somebody.
         match path.metadata().map(|metadata| metadata.file_type()) {
-            Ok(kind) if kind.is_char_device() => {
+            #[cfg(unix)]
+            Ok(kind) if std::os::unix::fs::FileTypeExt::is_char_device(&kind) => {
                 log::warn!("{}: keeps nothing, and so no settings are saved", path.display());
                 let file = File::options().write(true).open(path).map_err(complain)?;
                 return Ok(Self::holding(vec![0xFF; SIZE], Some(file)));
@@ -87,10 +87,15 @@ impl Flash {
             Ok(_) | Err(_) => {}
         }
         let mut options = File::options();
-        let options = options.read(true).write(true).create(true).truncate(false);
+        options.read(true).write(true).create(true).truncate(false);
+        // Shared with nobody, so that nobody removes it meanwhile.
+        #[cfg(windows)]
+        std::os::windows::fs::OpenOptionsExt::share_mode(&mut options, 0);
         let mut file = options.open(path).map_err(complain)?;
-        rustix::fs::flock(&file, rustix::fs::FlockOperation::NonBlockingLockExclusive)
-            .map_err(|_| "another board is using it")?;
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => "another board is using it".into(),
+            TryLockError::Error(error) => complain(error),
+        })?;
         let mut bytes = Vec::new();
         (&file).take(SIZE as u64 + 1).read_to_end(&mut bytes).map_err(complain)?;
         // Empty, or what a full disk has left of one that was being made.
@@ -170,7 +175,8 @@ impl State {
         if !metadata.is_file() {
             return Err(std::io::Error::other("their file keeps nothing"));
         }
-        if metadata.nlink() == 0 {
+        #[cfg(unix)]
+        if std::os::unix::fs::MetadataExt::nlink(&metadata) == 0 {
             return Err(std::io::Error::other("their file was removed; start the board again"));
         }
         let is_cut_short = metadata.len() != SIZE as u64;

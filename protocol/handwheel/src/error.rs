@@ -11,7 +11,7 @@ use crate::session::{Failure, Personality};
 pub enum Error {
     /// The link is not written as one.
     #[error(
-        "{0}: not a link; write serial:/dev/ttyUSB0@115200, tcp:127.0.0.1:5005, udp:127.0.0.1:10001 or auto"
+        "{0}: not a link; write serial:/dev/ttyUSB0@115200 (on Windows serial:COM3), tcp:127.0.0.1:5005, udp:127.0.0.1:10001 or auto"
     )]
     NoLink(String),
     /// It cannot be opened; the text says why, and what to do.

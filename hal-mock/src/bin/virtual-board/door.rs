@@ -8,8 +8,10 @@
 use std::cell::Cell;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{IpAddr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
-use std::os::fd::{AsFd, BorrowedFd};
 use std::rc::Rc;
+
+use rustix::fd::{AsFd, BorrowedFd};
+use rustix::net::sockopt::set_socket_send_buffer_size;
 
 /// Clients at a time.
 pub const MOST: usize = 16;
@@ -90,6 +92,11 @@ impl Door {
         Some(address)
     }
 
+    /// What tells that somebody comes.
+    pub fn watch(&self) -> BorrowedFd<'_> {
+        self.listener.as_fd()
+    }
+
     /// Clients that were sent away so far.
     pub fn refused(&self) -> u32 {
         self.refused.get()
@@ -132,6 +139,12 @@ impl Door {
 }
 
 impl Guest {
+    /// How many bytes may wait for a client that reads slowly.
+    pub fn set_send_buffer(&self, bytes: usize) {
+        // Without it such a client gets older bytes, and no other.
+        let _ = set_socket_send_buffer_size(&self.stream, bytes);
+    }
+
     /// Reads without waiting.
     pub fn read(&mut self, buffer: &mut [u8]) -> Said {
         if !self.has_spoken {
@@ -175,19 +188,7 @@ impl Guest {
 
     /// What tells that it says something, if there is any use in waiting for it.
     pub fn watch(&self) -> Option<BorrowedFd<'_>> {
-        (!self.has_ended && !self.is_doubtful).then(|| self.as_fd())
-    }
-}
-
-impl AsFd for Guest {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.stream.as_fd()
-    }
-}
-
-impl AsFd for Door {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.listener.as_fd()
+        (!self.has_ended && !self.is_doubtful).then(|| self.stream.as_fd())
     }
 }
 

@@ -4,8 +4,7 @@
 //! `{"ok":true}`, or `{"error":"..."}` with nothing changed. The board comes first: one question of
 //! all clients' is answered a turn, and one of a client that has read its last answer.
 
-use std::os::fd::{AsFd, BorrowedFd};
-
+use rustix::fd::BorrowedFd;
 use serde_json::{Map, Value, json};
 
 use crate::door::{Address, Door, Guest, Said};
@@ -53,7 +52,7 @@ impl Inspector {
 
     /// What can bring questions, to wait for.
     pub fn watch<'a>(&'a self, fds: &mut Vec<BorrowedFd<'a>>) {
-        fds.push(self.door.as_fd());
+        fds.push(self.door.watch());
         let reading = self.clients.iter().filter(|client| client.answer.is_empty());
         fds.extend(reading.filter_map(|client| client.guest.watch()));
     }

@@ -1,4 +1,5 @@
-//! The ways to the board's serial line: a pseudo-terminal, TCP clients, UDP peers.
+//! The ways to the board's serial line: a serial device (where the system has pseudo-terminals), TCP
+//! clients, UDP peers.
 //!
 //! All of them carry the same session: what any of them sends goes onto the one line, what the
 //! board sends goes to all. Nothing here waits for a client: one that does not read misses whole
@@ -6,18 +7,15 @@
 
 use std::collections::VecDeque;
 use std::net::{SocketAddr, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd};
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use hal_mock::wire::Line;
-use rustix::net::sockopt::set_socket_send_buffer_size;
+use rustix::fd::{AsFd, BorrowedFd};
 use serde_json::{Value, json};
 
 use crate::door::{self, Address, Door, Guest, Said};
 use crate::follow::Follower;
 use crate::machine::Machine;
-use crate::pty::Pty;
 
 /// UDP peers at a time.
 const MOST_PEERS: usize = door::MOST;
@@ -30,11 +28,30 @@ const TURN: usize = 256;
 /// A client that pauses within a frame for so long gives up its turn on the line.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+/// What a host opens as its serial device.
+pub trait Device {
+    /// What to tell the user.
+    fn place(&self) -> String;
+
+    /// What tells that a host has sent something.
+    fn watch(&self) -> BorrowedFd<'_>;
+
+    /// Whether a host has it open.
+    fn is_open(&self) -> bool;
+
+    /// Forgets what the last host has not read.
+    fn forget_unread(&self);
+
+    /// Reads what a host has sent, without waiting; 0 when there is nothing.
+    fn read(&mut self, buffer: &mut [u8]) -> usize;
+
+    /// Writes what there is room for; 0 when there is none.
+    fn write(&self, bytes: &[u8]) -> usize;
+}
+
 /// All links.
 pub struct Links {
-    pty: Pty,
-    pty_flow: Flow,
-    pty_was_open: bool,
+    serial: Option<Serial>,
     door: Door,
     clients: Vec<Client>,
     /// With where it is, for the user.
@@ -44,8 +61,15 @@ pub struct Links {
     datagrams_dropped: u32,
     /// Who has sent us a datagram, the latest last.
     peers: Vec<SocketAddr>,
-    /// Whose turn on the line it is: 0 the pseudo-terminal, 1 UDP, then the TCP clients.
+    /// Whose turn on the line it is: 0 the serial device, 1 UDP, then the TCP clients.
     turn: usize,
+}
+
+/// The serial device and its host.
+struct Serial {
+    device: Box<dyn Device>,
+    flow: Flow,
+    was_open: bool,
 }
 
 /// A TCP client.
@@ -64,7 +88,7 @@ impl AsRef<Guest> for Client {
 impl Links {
     /// Opens all of them, or says in one line what is in the way.
     pub fn open(
-        pty_link: Option<&Path>,
+        serial: Option<Box<dyn Device>>,
         tcp: Address<'_>,
         udp: Option<Address<'_>>,
         machine: &dyn Machine,
@@ -76,9 +100,11 @@ impl Links {
             Ok((socket, place))
         };
         Ok(Self {
-            pty: Pty::open(pty_link)?,
-            pty_flow: Flow::new(machine.follower()),
-            pty_was_open: false,
+            serial: serial.map(|device| Serial {
+                device,
+                flow: Flow::new(machine.follower()),
+                was_open: false,
+            }),
             door: Door::open("TCP", tcp)?,
             clients: Vec::new(),
             udp: udp.map(|udp| udp.listen(bind)).transpose()?,
@@ -91,7 +117,9 @@ impl Links {
 
     /// Where they are, for the user.
     pub fn places(&self) -> Vec<String> {
-        let mut places = vec![self.pty.place(), format!("TCP {}", self.door.place())];
+        let mut places = Vec::new();
+        places.extend(self.serial.iter().map(|serial| serial.device.place()));
+        places.push(format!("TCP {}", self.door.place()));
         places.extend(self.udp.iter().map(|(_, place)| format!("UDP {place}")));
         places
     }
@@ -101,9 +129,10 @@ impl Links {
         self.door.address()
     }
 
-    /// How many are connected: the pseudo-terminal, TCP clients, UDP peers.
+    /// How many are connected: whether the serial device is, TCP clients, UDP peers.
     pub fn connected(&self) -> (bool, usize, usize) {
-        (self.pty_was_open, self.clients.len(), self.peers.len())
+        let serial_open = self.serial.as_ref().is_some_and(|serial| serial.was_open);
+        (serial_open, self.clients.len(), self.peers.len())
     }
 
     /// The same for the inspector, with who and what was sent away.
@@ -120,13 +149,13 @@ impl Links {
 
     /// What can bring bytes, to wait for. A full line takes nothing.
     pub fn watch<'a>(&'a self, line: &Line, fds: &mut Vec<BorrowedFd<'a>>) {
-        fds.push(self.door.as_fd());
+        fds.push(self.door.watch());
         if line.backlog() <= BACKLOG {
             if self.datagram.is_empty() {
                 fds.extend(self.udp.iter().map(|(udp, _)| udp.as_fd()));
             }
             fds.extend(self.clients.iter().filter_map(|client| client.guest.watch()));
-            fds.push(self.pty.as_fd());
+            fds.extend(self.serial.iter().map(|serial| serial.device.watch()));
         }
     }
 
@@ -134,15 +163,10 @@ impl Links {
     pub fn receive(&mut self, machine: &dyn Machine) {
         let line = machine.line();
         self.door.admit(&mut self.clients, |guest| {
-            // Without it a slow reader gets older bytes, and no other.
-            let _ = set_socket_send_buffer_size(&guest, machine.send_buffer());
+            guest.set_send_buffer(machine.send_buffer());
             Client { guest, flow: Flow::new(machine.follower()), is_there: true }
         });
-        let pty_is_open = self.pty.is_open();
-        if self.pty_was_open && !pty_is_open {
-            self.pty.forget_unread();
-        }
-        self.pty_was_open = pty_is_open;
+        self.serial.iter_mut().for_each(Serial::look);
 
         let sources = self.clients.len() + 2;
         let first = self.turn;
@@ -153,17 +177,12 @@ impl Links {
                 break;
             }
             match source {
-                // Whoever has closed the device may have sent something before.
-                0 => {
-                    let mut buffer = [0; TURN];
-                    let count = self.pty.read(&mut buffer);
-                    self.pty_flow.pass(&buffer[..count], line);
-                }
+                0 => self.serial.iter_mut().for_each(|serial| serial.receive(line)),
                 1 => self.receive_datagram(machine),
                 _ => self.clients[source - 2].receive(line),
             }
         }
-        self.pty_flow.pass_held(line);
+        self.serial.iter_mut().for_each(|serial| serial.flow.pass_held(line));
         self.clients.iter_mut().for_each(|client| client.flow.pass_held(line));
         self.clients.retain(|client| client.is_there);
     }
@@ -194,12 +213,7 @@ impl Links {
 
     /// Sends a frame of the board to everybody.
     pub fn send(&mut self, frame: &[u8]) {
-        if self.pty_was_open {
-            let pty = &self.pty;
-            self.pty_flow.send(frame, |bytes| Some(pty.write(bytes)));
-        } else {
-            self.pty_flow.unsent.clear();
-        }
+        self.serial.iter_mut().for_each(|serial| serial.send(frame));
         self.clients
             .retain_mut(|client| client.flow.send(frame, |bytes| client.guest.write(bytes)));
         for (udp, peer) in
@@ -207,6 +221,33 @@ impl Links {
         {
             // A datagram that finds no room, or nobody, is lost, as on the radio.
             let _ = udp.send_to(frame, peer);
+        }
+    }
+}
+
+impl Serial {
+    /// Looks whether a host has come or gone.
+    fn look(&mut self) {
+        let is_open = self.device.is_open();
+        if self.was_open && !is_open {
+            self.device.forget_unread();
+        }
+        self.was_open = is_open;
+    }
+
+    /// Takes a turn's worth of what was sent. Whoever has closed the device may have sent it before.
+    fn receive(&mut self, line: &Line) {
+        let mut buffer = [0; TURN];
+        let count = self.device.read(&mut buffer);
+        self.flow.pass(&buffer[..count], line);
+    }
+
+    fn send(&mut self, frame: &[u8]) {
+        if self.was_open {
+            let device = &self.device;
+            self.flow.send(frame, |bytes| Some(device.write(bytes)));
+        } else {
+            self.flow.unsent.clear();
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The virtual board: an old controller on this computer, for host programs that know the original.
 //!
-//! It prints where it listens (a pseudo-terminal, TCP, UDP), then what changes, until it is
+//! It prints where it listens (a serial device, TCP, UDP), then what changes, until it is
 //! interrupted or `--seconds` are over. Whatever a client does, the board goes on. Exit code 2 is for a
 //! wrong command line, 1 for what else keeps it from running.
 
@@ -17,12 +17,13 @@ mod pass_through;
 mod pioneer_arm;
 mod pms5005;
 mod printer;
+#[cfg(unix)]
 mod pty;
 mod servos;
+mod signals;
 mod status;
 mod values;
 
-use std::mem::MaybeUninit;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -64,14 +65,7 @@ fn log_level() -> log::LevelFilter {
 fn run(options: &Options) -> Result<(), String> {
     let end = options.end()?;
     let stop = Arc::new(AtomicBool::new(false));
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
-    for signal in [SIGHUP, SIGINT, SIGQUIT, SIGTERM] {
-        if is_ignored(signal) {
-            continue; // by `nohup`, say
-        }
-        signal_hook::flag::register(signal, stop.clone())
-            .map_err(|e| format!("cannot catch signals: {e}"))?;
-    }
+    signals::end(&stop).map_err(|e| format!("cannot catch signals: {e}"))?;
     let mut inspector = options.inspect.as_deref().map(Inspector::open).transpose()?;
     let mut machine = match options.personality {
         Personality::Pms5005 => pms5005::machine(options)?,
@@ -79,8 +73,7 @@ fn run(options: &Options) -> Result<(), String> {
         Personality::Cm5 => cm5::machine(options)?,
         Personality::Ax12Bus => ax12_bus::machine(options)?,
     };
-    let mut links =
-        Links::open(options.pty.as_deref(), options.tcp(), options.udp(), machine.as_ref())?;
+    let mut links = Links::open(options.device()?, options.tcp(), options.udp(), machine.as_ref())?;
     let page = match options.web().zip(links.tcp()) {
         Some((address, board)) => Some(Page::open(address, board, stop.clone())?),
         None => None,
@@ -128,22 +121,16 @@ fn run(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether whoever has started the program wants it to ignore a signal.
-fn is_ignored(signal: i32) -> bool {
-    let mut action = MaybeUninit::<libc::sigaction>::uninit();
-    // SAFETY: without a new action it only fills in the present one, which is read if it has.
-    unsafe {
-        libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr()) == 0
-            && action.assume_init().sa_sigaction == libc::SIG_IGN
-    }
-}
-
 /// Waits for bytes from somewhere, or for the board's next event.
 fn wait(links: &Links, inspector: Option<&Inspector>, machine: &dyn Machine, start: Instant) {
     let next = clock::next_alarm().map_or(u64::MAX, |alarm| alarm.as_micros());
     let now = start.elapsed().as_micros() as u64;
     let micros = next.saturating_sub(now).clamp(50, 1000);
-    let time = Timespec { tv_sec: 0, tv_nsec: micros as i64 * 1000 };
+    if cfg!(windows) {
+        // Its poll keeps time to 16 ms at worst, its sleep to one.
+        return std::thread::sleep(Duration::from_micros(micros));
+    }
+    let time = Timespec { tv_sec: 0, tv_nsec: (micros * 1000) as _ };
     let mut fds = Vec::new();
     links.watch(machine.line(), &mut fds);
     if let Some(inspector) = inspector {

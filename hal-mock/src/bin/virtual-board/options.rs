@@ -11,6 +11,9 @@ use hal_mock::servo_bus::Faults;
 use protocol::arcos::{Dialect, MotionBits};
 
 use crate::door::{Address, is_loopback};
+use crate::links::Device;
+#[cfg(unix)]
+use crate::pty::Pty;
 use crate::servos;
 
 /// A simulated motion and sensing controller that host programs of the original can talk to.
@@ -24,8 +27,9 @@ pub struct Options {
     #[arg(value_enum, default_value_t = Personality::Pms5005)]
     pub personality: Personality,
     /// Also make LINK a symbolic link to the pseudo-terminal, as long as the board runs.
+    #[cfg(unix)]
     #[arg(long, value_name = "LINK")]
-    pub pty: Option<PathBuf>,
+    pty: Option<PathBuf>,
     /// Where to listen for TCP clients [default: 127.0.0.1:5005, or port 8101 for
     /// pioneer-arm, 5006 for cm5, 5012 for ax12-bus; a free port if that one is in use].
     #[arg(long, value_name = "ADDR")]
@@ -198,6 +202,14 @@ impl Options {
         self.bus_faults()?;
         self.end()?;
         Ok(())
+    }
+
+    /// The serial device for hosts, where the system has pseudo-terminals; or in one line why there is none.
+    pub fn device(&self) -> Result<Option<Box<dyn Device>>, String> {
+        #[cfg(unix)]
+        return Ok(Some(Box::new(Pty::open(self.pty.as_deref())?)));
+        #[cfg(not(unix))]
+        Ok(None)
     }
 
     /// Where to listen for TCP clients.

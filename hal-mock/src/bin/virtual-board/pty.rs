@@ -24,6 +24,8 @@ use rustix::termios::{
     tcsetattr,
 };
 
+use crate::links::Device;
+
 /// How often it is looked whether somebody opens the device. What is written meanwhile waits.
 const CLOSED: Duration = Duration::from_millis(1);
 
@@ -74,9 +76,10 @@ impl Pty {
         })?;
         Ok(Self { master, read, device, link: None })
     }
+}
 
-    /// What to tell the user.
-    pub fn place(&self) -> String {
+impl Device for Pty {
+    fn place(&self) -> String {
         let device = self.device.display();
         match &self.link {
             None => format!("serial device {device}"),
@@ -84,33 +87,27 @@ impl Pty {
         }
     }
 
-    /// Whether a host has the device open.
-    pub fn is_open(&self) -> bool {
+    fn watch(&self) -> BorrowedFd<'_> {
+        self.read.as_fd()
+    }
+
+    fn is_open(&self) -> bool {
         let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
         is_open(&self.master, Some(&at_once))
     }
 
-    /// Forgets what the last host has not read.
-    pub fn forget_unread(&self) {
+    fn forget_unread(&self) {
         if let Ok(slave) = File::options().read(true).write(true).open(&self.device) {
             let _ = tcflush(&slave, QueueSelector::IFlush);
         }
     }
 
-    /// Reads what a host has sent, without waiting; 0 when there is nothing.
-    pub fn read(&mut self, buffer: &mut [u8]) -> usize {
+    fn read(&mut self, buffer: &mut [u8]) -> usize {
         self.read.read(buffer).unwrap_or(0)
     }
 
-    /// Writes what there is room for; 0 when there is none.
-    pub fn write(&self, bytes: &[u8]) -> usize {
+    fn write(&self, bytes: &[u8]) -> usize {
         rustix::io::write(&*self.master, bytes).unwrap_or(0)
-    }
-}
-
-impl AsFd for Pty {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.read.as_fd()
     }
 }
 

@@ -49,8 +49,8 @@ pub const ANSWER_IS_NO: u8 = 3;
 #[derive(Parser)]
 #[command(name = "handwheel", version, verbatim_doc_comment)]
 struct Options {
-    /// Where the board is: serial:/dev/ttyUSB0@115200, tcp:127.0.0.1:5005, udp:127.0.0.1:10001, or auto: the
-    /// only board that speaks on a serial port, else 127.0.0.1:5005.
+    /// Where the board is: serial:/dev/ttyUSB0@115200 (on Windows serial:COM3), tcp:127.0.0.1:5005,
+    /// udp:127.0.0.1:10001, or auto: the only board that speaks on a serial port, else 127.0.0.1:5005.
     #[arg(long, global = true, default_value = "auto", value_name = "LINK")]
     link: String,
     /// Answer in JSON: one object, of `watch` one a line.

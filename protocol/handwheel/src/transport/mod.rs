@@ -130,10 +130,12 @@ impl Transport for Udp {
     }
 }
 
-/// A computer without a program at that port says so.
+/// A computer without a program at that port says so; Windows calls it a reset.
 fn nobody(error: io::Error) -> io::Error {
     match error.kind() {
-        ErrorKind::ConnectionRefused => io::Error::new(error.kind(), "nobody listens there"),
+        ErrorKind::ConnectionRefused | ErrorKind::ConnectionReset => {
+            io::Error::new(error.kind(), "nobody listens there")
+        }
         _ => error,
     }
 }

@@ -43,7 +43,8 @@ fn busy(device: &str, others: &[String]) -> Error {
 }
 
 fn explained(device: &str, error: &serialport::Error) -> Error {
-    let exists = std::path::Path::new(device).exists();
+    // COM3 is no file's name.
+    let exists = std::path::Path::new(device).exists() || ports().iter().any(|port| port == device);
     let kind = match error.kind() {
         // What serialport makes of a port that another program has locked.
         serialport::ErrorKind::NoDevice if exists => {
