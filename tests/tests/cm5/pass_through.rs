@@ -289,6 +289,20 @@ fn a_write_that_its_servo_refuses_counts_for_nothing() {
 }
 
 #[test]
+fn a_write_of_another_baud_in_pieces_is_refused_whenever_servos_take_them_for_one() {
+    for pause_us in (99_000..102_000).step_by(20) {
+        let make = Make { servos: turning([1]), line_rate: 0, ..Make::default() };
+        let mut pc = Pc::with(make);
+        let asked = write(1, 4, &[34]);
+        pc.send(&[&[0; 58][..], &asked[..6]].concat());
+        pc.run_us(pause_us);
+        pc.send(&asked[6..]);
+        pc.run_ms(5);
+        assert_eq!(pc.0.bus.bus().servo(0).get(Register::BAUD_RATE), 1, "{pause_us} us");
+    }
+}
+
+#[test]
 fn what_the_pc_has_left_unfinished_is_not_mixed_with_the_boards_own_packet() {
     for part in 1..12 {
         let mut pc = Pc::new([1, 2]);
@@ -513,10 +527,10 @@ fn a_failed_line_is_counted_and_used_again() {
     let at = |us: u64| Instant::from_micros(1_000_000 + us);
     let mut out = [0; 64];
     pass.receive(&mut ping(1), at(0));
-    pass.bus_failed();
-    pass.bus_hears(&ping(1)[3..], at(60));
+    pass.bus_failed(at(1040));
+    pass.bus_hears(&ping(1)[3..], at(1050));
     assert_eq!(pass.transmit(&mut out), None);
-    pass.bus_hears(&[1, 2, 3], at(300));
+    pass.bus_hears(&[1, 2, 3], at(1300));
     assert_eq!(pass.transmit(&mut out), Some(&[1, 2, 3][..]));
     assert_eq!(pass.counters().bus_line_errors, 1);
 }

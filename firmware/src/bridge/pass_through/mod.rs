@@ -82,8 +82,8 @@ pub struct PassThroughCounters {
 /// The pass-through. See the [module](self). The time that it is told never runs backwards.
 pub struct PassThrough {
     instructions: Deframer<ByLength, MAX_PACKET>,
-    /// When the PC's last byte came.
-    spoke: Instant,
+    /// When the PC's last byte leaves for the bus, where servos measure its pauses.
+    left: Instant,
     /// When what turns endlessly is to be stopped, unless all of it has been.
     stops_at: Option<Instant>,
     /// From this ID on they are still to be stopped.
@@ -103,7 +103,7 @@ impl PassThrough {
     pub const fn new() -> Self {
         Self {
             instructions: Deframer::new(),
-            spoke: Instant::MIN,
+            left: Instant::MIN,
             stops_at: None,
             unstopped: 0,
             turners: Turners::new(),
@@ -137,10 +137,12 @@ impl PassThrough {
 
     /// Takes bytes of the PC, and makes of them what is to be sent on the bus at once, in their place.
     pub fn receive(&mut self, bytes: &mut [u8], now: Instant) {
-        if now > self.spoke.saturating_add(LONGEST_PAUSE) {
+        self.settle(now);
+        if now > self.left.saturating_add(LONGEST_PAUSE) {
             self.instructions = Deframer::new();
         }
-        self.spoke = now;
+        self.occupy(bytes.len(), now);
+        self.left = self.busy_until;
         self.stops_at = Some(now.saturating_add(SILENCE));
         self.unstopped = 0;
         let mut unread = &*bytes;
@@ -154,7 +156,7 @@ impl PassThrough {
             }
             unread = bytes.get(end..).unwrap_or_default();
         }
-        self.expect_echo(bytes, now);
+        self.expect_echo(bytes);
     }
 
     /// Follows the instruction that has just become complete; whether nobody may obey it.
@@ -207,19 +209,24 @@ impl PassThrough {
         }
         let packet = packet.finish().ok()?;
         count(&mut self.counters.stops, stopped);
-        self.expect_echo(packet, now);
+        self.settle(now);
+        self.occupy(packet.len(), now);
+        self.expect_echo(packet);
         Some(packet)
     }
 
-    /// These bytes are handed to the bus now.
-    fn expect_echo(&mut self, bytes: &[u8], now: Instant) {
-        self.settle(now);
+    /// So many bytes are handed to the bus now.
+    fn occupy(&mut self, bytes: usize, now: Instant) {
+        self.busy_until = self.busy_until.max(now).saturating_add(BYTE * bytes as u32); // 64 at most
+    }
+
+    /// These bytes will be heard.
+    fn expect_echo(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if !self.has_collided && self.echo.push_back(byte).is_err() {
                 self.collide(); // there is room for all that can be under way
             }
         }
-        self.busy_until = self.busy_until.max(now).saturating_add(BYTE * bytes.len() as u32); // 64 at most
     }
 
     /// Takes bytes that were heard on the bus: the echo of what was sent, and what servos say.
@@ -272,10 +279,11 @@ impl PassThrough {
     }
 
     /// Counts an error that the bus's receiver or transmitter reported. What was heard before it is gone, and
-    /// with it echo.
-    pub fn bus_failed(&mut self) {
+    /// with it echo; the bus is used again `now`.
+    pub fn bus_failed(&mut self, now: Instant) {
         count(&mut self.counters.bus_line_errors, 1);
         self.collide();
+        self.busy_until = self.busy_until.max(now);
     }
 
     /// Whether [`transmit`](Self::transmit) has something to say.

@@ -66,8 +66,8 @@ pub async fn send<M: RawMutex>(
             }
         };
         if sent.is_err() {
-            pass.borrow_mut().bus_failed();
             Timer::after(LINE_DOWN).await;
+            pass.borrow_mut().bus_failed(Instant::now());
         }
     }
 }
@@ -103,9 +103,9 @@ pub async fn hear<M: RawMutex>(
                 }
             }
             Either::First(_) => {
-                pass.borrow_mut().bus_failed();
                 Timer::after(LINE_DOWN).await;
                 now = Instant::now();
+                pass.borrow_mut().bus_failed(now);
             }
             Either::Second(()) => {}
         }
