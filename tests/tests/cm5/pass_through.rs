@@ -236,10 +236,19 @@ fn limits_are_seen_in_whatever_writes_them() {
     let mut pc = Pc::new([1, 2, 3, 4, 5]);
     pc.set_up(&write(2, LIMITS, &ZERO));
     assert_eq!(pc.turners(), [2]);
+    // What nobody answers to is seen when it is read.
     pc.set_up(&sync_write(LIMITS, &[(3, &ZERO), (4, &[0, 0, 255, 3])]));
+    assert_eq!(pc.turners(), [2]);
+    pc.ask(&read(3, 0, 50));
+    pc.ask(&read(4, LIMITS, 4));
     assert_eq!(pc.turners(), [2, 3]);
     pc.set_up(&reg_write(4, LIMITS, &ZERO));
-    assert_eq!(pc.turners(), [2, 3], "not before its ACTION");
+    pc.set_up(&packet(BROADCAST, Instruction::Action));
+    assert_eq!(pc.turners(), [2, 3]);
+    pc.ask(&read(4, LIMITS, 4));
+    assert_eq!(pc.turners(), [2, 3, 4]);
+    // An ACTION to other registers changes nothing.
+    pc.set_up(&reg_write(4, 32, &[44, 1]));
     pc.set_up(&packet(BROADCAST, Instruction::Action));
     assert_eq!(pc.turners(), [2, 3, 4]);
     // Half of them makes a joint, in a packet with others too.
@@ -247,7 +256,12 @@ fn limits_are_seen_in_whatever_writes_them() {
     assert_eq!(pc.turners(), [3, 4]);
     pc.set_up(&write(2, 6, &[0, 0]));
     assert_eq!(pc.turners(), [2, 3, 4]);
+    pc.set_up(&sync_write(LIMITS, &[(2, &[10, 0])]));
+    assert_eq!(pc.turners(), [3, 4]);
+    pc.set_up(&write(2, 6, &[0, 0]));
     pc.set_up(&write(2, 3, &[9])); // now it is 9
+    assert_eq!(pc.turners(), [3, 4]);
+    pc.ask(&read(9, LIMITS, 4));
     assert_eq!(pc.turners(), [3, 4, 9]);
     pc.set_up(&packet(4, Instruction::Reset)); // now it is 1 too
     assert_eq!(pc.turners(), [3, 9]);
@@ -265,7 +279,7 @@ fn limits_are_seen_in_whatever_writes_them() {
 }
 
 #[test]
-fn a_write_that_its_servo_refuses_counts_for_nothing() {
+fn a_write_that_its_servo_refuses_makes_no_turner_and_leaves_none() {
     let mut all = turning([1, 2]);
     all.iter_mut().for_each(|servo| servo.set(Register::LOCK, 1));
     all[1].set(Register::CCW_LIMIT, 0);
@@ -274,7 +288,9 @@ fn a_write_that_its_servo_refuses_counts_for_nothing() {
     assert_eq!(pc.turners(), NOTHING);
     pc.ask(&read(2, LIMITS, 4));
     assert_eq!(pc.ask(&write(2, LIMITS, &[0, 0, 255, 3])), status(2, Errors::RANGE, &[]));
-    assert_eq!(pc.turners(), [2], "still");
+    assert_eq!(pc.turners(), NOTHING, "until it is read again");
+    pc.ask(&read(2, LIMITS, 4));
+    assert_eq!(pc.turners(), [2]);
     // A damaged one is no write at all.
     let mut damaged = write(1, LIMITS, &ZERO);
     *damaged.last_mut().unwrap() ^= 0x80;
@@ -286,6 +302,86 @@ fn a_write_that_its_servo_refuses_counts_for_nothing() {
     pc.0.bus.bus().servo(0).set(Register::CCW_LIMIT, 0);
     pc.ask(&read(1, LIMITS, 3));
     assert_eq!(pc.turners(), [2]);
+}
+
+/// Servos that are joints, and know it better than the board may.
+#[test]
+fn a_write_of_zero_limits_that_its_servo_has_not_answered_makes_nobody_a_turner() {
+    let mut all = turning([1, 2, 3]);
+    all[0].set(Register::LOCK, 1); // takes no limits
+    let mut pc = Pc::with(Make { servos: all, ..Make::default() });
+    pc.set_up(&sync_write(LIMITS, &[(1, &ZERO)]));
+    pc.set_up(&write(BROADCAST, LIMITS, &[0, 0, 0, 0]));
+    assert_eq!(pc.turners(), NOTHING);
+    // One that is not heard, because the servo is busy with its EEPROM.
+    let mut pc = Pc::new([1, 2]);
+    pc.send(&write(1, 5, &[1]));
+    pc.run_us(500);
+    pc.send(&write(1, LIMITS, &ZERO));
+    pc.run_ms(2100);
+    assert_eq!(pc.heard(), status(1, Errors::NONE, &[]), "to the first");
+    assert_eq!((pc.turners(), pc.speed(0)), (vec![], 300));
+    // One that does not say whether it obeys.
+    pc.set_up(&write(1, 16, &[1]));
+    pc.set_up(&write(1, LIMITS, &ZERO));
+    assert_eq!(pc.turners(), NOTHING);
+    pc.ask(&read(1, LIMITS, 4));
+    assert_eq!(pc.turners(), [1]);
+}
+
+#[test]
+fn an_answer_to_an_earlier_instruction_is_none_to_the_last() {
+    let mut all = turning([1]);
+    all[0].set(Register::RETURN_DELAY, 250);
+    let mut pc = Pc::with(Make { servos: all, ..Make::default() });
+    // A joint at rest: no speed, no load. It hears nothing before it has answered.
+    for hasty in [read(1, LIMITS, 4), write(1, 30, &[0, 2])] {
+        pc.send(&read(1, 38, 4));
+        pc.run_us(250);
+        pc.send(&hasty);
+        pc.run_ms(5);
+        assert_eq!(pc.heard(), status(1, Errors::NONE, &ZERO));
+        assert_eq!(pc.turners(), NOTHING);
+    }
+    pc.send(&[read(1, 38, 4), read(1, LIMITS, 4)].concat());
+    pc.run_ms(2100);
+    assert_eq!((pc.heard(), pc.turners()), (status(1, Errors::NONE, &ZERO), vec![]));
+    pc.send(&ping(1));
+    pc.run_us(250);
+    pc.send(&write(1, LIMITS, &ZERO));
+    pc.run_ms(2100);
+    assert_eq!((pc.turners(), pc.speed(0)), (vec![], 300));
+}
+
+#[test]
+fn whoever_may_have_been_given_an_id_is_no_turner_until_it_is_seen() {
+    let mut all = turning([1, 9]);
+    all[0].set(Register::CCW_LIMIT, 0);
+    all[0].set(Register::LOCK, 1);
+    let mut pc = Pc::with(Make { servos: all, ..Make::default() });
+    pc.ask(&read(1, LIMITS, 4));
+    assert_eq!(pc.turners(), [1]);
+    assert_eq!(pc.ask(&write(1, 3, &[9])), status(1, Errors::RANGE, &[]));
+    pc.run_ms(2100);
+    assert!(!pc.turners().contains(&9));
+    assert_eq!(pc.speed(1), 300, "a joint");
+}
+
+#[test]
+fn an_action_makes_a_turner_a_joint_however_often_it_is_said() {
+    let mut all = turning([1]);
+    all[0].set(Register::CCW_LIMIT, 0);
+    let mut pc = Pc::with(Make { servos: all, ..Make::default() });
+    pc.ask(&reg_write(1, LIMITS, &[0, 0, 255, 3]));
+    pc.send(&write(1, 5, &[1]));
+    pc.run_us(500);
+    pc.ask(&packet(BROADCAST, Instruction::Action)); // it is busy, and does not hear it
+    pc.run_ms(20);
+    pc.ask(&read(1, LIMITS, 4));
+    assert_eq!(pc.turners(), [1]);
+    pc.set_up(&packet(BROADCAST, Instruction::Action));
+    assert_eq!(pc.0.bus.bus().servo(0).get(Register::CCW_LIMIT), 1023);
+    assert_eq!(pc.turners(), NOTHING);
 }
 
 #[test]
@@ -326,8 +422,9 @@ fn a_pc_that_speaks_while_the_board_does_is_late_by_200_us_at_the_most_and_stops
     let mut latest = 0;
     for phase in (0..500).step_by(3) {
         let mut pc = Pc::new([1, 2, 3, 4, 5, 6]);
-        let list: Vec<_> = (1..=5).map(|id| (id, &ZERO[..])).collect();
-        pc.set_up(&sync_write(LIMITS, &list));
+        for id in 1..=5 {
+            pc.set_up(&write(id, LIMITS, &ZERO));
+        }
         let spoke = Instant::now();
         pc.send(&ping(6));
         let asked = ping(6);

@@ -24,6 +24,7 @@
 //!   [`STOPPED_AT_ONCE`] are stopped with one. The rest are left until it is silent again.
 //! - An echo that is not what was sent, or does not come, is a *collision*: nothing is believed, and nothing goes to
 //!   the PC, until the bus has been quiet for a servo's longest stall.
+//! - Nor is an answer believed, though it goes to the PC, while one to an earlier instruction could still come.
 //! - A PC that is faster than the bus is kept waiting; answers that a slower PC's line has no room for are
 //!   dropped and counted.
 //!
@@ -37,10 +38,10 @@ use embassy_time::{Duration, Instant};
 use heapless::Deque;
 use protocol::deframe::{Deframer, Framing};
 use protocol::dynamixel::{
-    ByLength, Dynamixel, Instruction, MAX_PACKET, Packet, Register, StatusReceiver, SyncWriter,
+    ByLength, Dynamixel, Id, Instruction, MAX_PACKET, Packet, Register, StatusReceiver, SyncWriter,
 };
 
-use super::exchange::{BYTE, QUIET};
+use super::exchange::{BYTE, PATIENCE, QUIET};
 use crate::reception::{LONGEST_PAUSE, count};
 use turners::Turners;
 
@@ -89,6 +90,8 @@ pub struct PassThrough {
     /// From this ID on they are still to be stopped.
     unstopped: u8,
     turners: Turners,
+    /// Until when a servo may begin to answer what it was told.
+    answered_by: Instant,
     answers: StatusReceiver,
     echo: Deque<u8, ECHO>,
     /// Until when the bus is busy with what was sent, or with a collision.
@@ -107,6 +110,7 @@ impl PassThrough {
             stops_at: None,
             unstopped: 0,
             turners: Turners::new(),
+            answered_by: Instant::MIN,
             answers: StatusReceiver::new(),
             echo: Deque::new(),
             busy_until: Instant::MIN,
@@ -148,7 +152,7 @@ impl PassThrough {
         let mut unread = &*bytes;
         while self.instructions.receive(&mut unread).is_some() {
             let end = bytes.len().saturating_sub(unread.len());
-            if self.is_to_be_refused() {
+            if self.is_to_be_refused(now) {
                 count(&mut self.counters.refused_bauds, 1);
                 if let Some(checksum) = bytes.get_mut(..end).and_then(|sent| sent.last_mut()) {
                     *checksum = !*checksum;
@@ -160,23 +164,34 @@ impl PassThrough {
     }
 
     /// Follows the instruction that has just become complete; whether nobody may obey it.
-    fn is_to_be_refused(&mut self) -> bool {
+    fn is_to_be_refused(&mut self, now: Instant) -> bool {
         count(&mut self.counters.instructions, 1);
-        // What is pending there was part of no answer to this one.
-        self.answers = StatusReceiver::new();
-        self.turners.nobody_is_asked();
+        self.believe_nothing();
         let packet = self.instructions.frame();
-        let Some(fields) = Packet::received(packet).filter(|_| Dynamixel::is_intact(packet)) else {
-            return false;
-        };
-        match Instruction::parse(fields) {
+        let Some(fields) = Packet::received(packet) else { return false };
+        let instruction = Instruction::parse(fields).filter(|_| Dynamixel::is_intact(packet));
+        // A PC that does not wait could take the answer to its last instruction for that to this one.
+        let is_hasty = now < self.answered_by;
+        if fields.id != Id::BROADCAST || instruction == Some(Instruction::Ping) {
+            self.answered_by = self.left.saturating_add(PATIENCE);
+        }
+        match instruction {
             Some(instruction) if changes_baud(&instruction) => true,
             Some(instruction) => {
                 self.turners.follow(fields.id, &instruction);
+                if is_hasty {
+                    self.turners.nobody_is_asked();
+                }
                 false
             }
             None => false,
         }
+    }
+
+    /// Whatever is answered from now on, or has been in part, proves nothing.
+    fn believe_nothing(&mut self) {
+        self.answers = StatusReceiver::new();
+        self.turners.nobody_is_asked();
     }
 
     /// Counts an error that the PC's line reported.
@@ -264,6 +279,7 @@ impl PassThrough {
         count(&mut self.counters.collisions, 1);
         self.has_collided = true;
         self.echo.clear();
+        self.believe_nothing();
     }
 
     /// A byte that a servo says.
@@ -273,8 +289,9 @@ impl PassThrough {
         }
         if let Some(packet) = self.answers.receive(&mut &[byte][..])
             && let Some(status) = Packet::received(packet)
+            && self.turners.hear(status)
         {
-            self.turners.hear(status);
+            self.answered_by = Instant::MIN;
         }
     }
 

@@ -1,12 +1,15 @@
 //! Which servos turn endlessly, as far as it was seen on the bus: those whose angle limits, registers 6 to 9,
 //! are all 0.
 //!
-//! Seen is what the PC writes (WRITE, SYNC_WRITE, REG_WRITE when its ACTION comes, RESET) and what servos
-//! answer when it reads. A write that its servo answers with a refusal counts for nothing. What was
-//! not seen is not 0: nobody is a turner before all four bytes have been.
+//! A joint that is taken for a turner would be sent full speed, so a zero must be proved and a doubt is enough
+//! against it:
+//! - a byte is 0 when its servo answers so to a READ, or obeys a WRITE of 0: answers without a refusal. What
+//!   nobody answers to (SYNC_WRITE, broadcasts, whatever a servo's status return level leaves out) proves nothing;
+//! - it is not known to be 0 any more as soon as the PC writes something else, whether the servo obeys or not, or
+//!   sends the ACTION to a REG_WRITE of something else;
+//! - nothing is known of a servo that is told RESET or given another ID, nor of the one that has that ID.
 //!
-//! A servo that is given another ID by WRITE or SYNC_WRITE takes what is known along; with a REG_WRITE it is forgotten.
-//! Nobody can see that a servo was exchanged for one with the same ID.
+//! Nobody can see that a servo was exchanged for one with the same ID, or that two have the same.
 
 use core::ops::Range;
 
@@ -19,46 +22,81 @@ const ALL: u8 = 0b1111;
 /// With these errors an instruction was not obeyed.
 const REFUSALS: [Errors; 3] = [Errors::RANGE, Errors::CHECKSUM, Errors::INSTRUCTION];
 
-/// What a write says of the limits' four bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// What registers' bytes say of the limits' four.
+#[derive(Clone, Copy)]
 struct Limits {
-    /// Those that it writes.
-    written: u8,
-    /// Of these, those that are 0 then.
     zero: u8,
+    /// Something else.
+    other: u8,
 }
 
 impl Limits {
-    /// All that were known are no more.
-    const UNKNOWN: Self = Self { written: ALL, zero: 0 };
-
     fn of(address: u8, data: &[u8]) -> Self {
-        let mut limits = Self::default();
+        let mut limits = Self { zero: 0, other: 0 };
         for (bit, register) in (Register::CW_LIMIT.address..).take(4).enumerate() {
-            let place = register.checked_sub(address).map(usize::from);
-            if let Some(&value) = place.and_then(|place| data.get(place)) {
-                limits.written |= 1 << bit;
-                limits.zero |= u8::from(value == 0) << bit;
+            match byte_at(register, address, data) {
+                Some(0) => limits.zero |= 1 << bit,
+                Some(_) => limits.other |= 1 << bit,
+                None => {}
             }
         }
         limits
     }
+
+    /// The same for what is written: another ID, register 3, leaves nothing known.
+    fn written(address: u8, data: &[u8]) -> Self {
+        if byte_at(Register::ID.address, address, data).is_some() {
+            return Self { zero: 0, other: ALL };
+        }
+        Self::of(address, data)
+    }
+}
+
+/// What bytes from `address` on say of a register's first.
+fn byte_at(register: u8, address: u8, data: &[u8]) -> Option<u8> {
+    data.get(usize::from(register.checked_sub(address)?)).copied()
 }
 
 /// What is known of an ID.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy)]
 struct Known {
     /// The limits' bytes that are 0.
     zero: u8,
-    /// What waits for an ACTION.
-    registered: Limits,
+    /// Those that an ACTION may make something else.
+    registered: u8,
 }
 
 impl Known {
-    const NOTHING: Self = Self { zero: 0, registered: Limits { written: 0, zero: 0 } };
+    const NOTHING: Self = Self { zero: 0, registered: 0 };
 
-    fn take(&mut self, Limits { written, zero }: Limits) {
-        self.zero = self.zero & !written | zero;
+    /// The servo was told this; it may obey or not.
+    fn told(&mut self, instruction: &Instruction<'_>) {
+        match *instruction {
+            Instruction::Write { address, data } => {
+                self.zero &= !Limits::written(address, data).other;
+            }
+            Instruction::RegWrite { address, data } => {
+                self.registered |= Limits::written(address, data).other;
+            }
+            Instruction::Action => self.zero &= !self.registered,
+            Instruction::Reset => self.zero = 0,
+            _ => {}
+        }
+    }
+
+    /// Besides, it has obeyed.
+    fn obeyed(&mut self, instruction: &Instruction<'_>) {
+        match *instruction {
+            Instruction::Write { address, data } => {
+                self.zero |= Limits::written(address, data).zero;
+            }
+            // It keeps one.
+            Instruction::RegWrite { address, data } => {
+                self.registered = Limits::written(address, data).other;
+            }
+            Instruction::Action => self.registered = 0,
+            _ => {}
+        }
     }
 }
 
@@ -71,10 +109,10 @@ enum Asked {
         address: u8,
         count: u8,
     },
-    /// This one may refuse what it was told; then all is as it was.
-    Write {
+    /// This is known of it if it obeys.
+    Told {
         id: Id,
-        before: Known,
+        obeyed: Known,
     },
 }
 
@@ -96,88 +134,71 @@ impl Turners {
         turners.filter(|(_, known)| known.zero == ALL).filter_map(|(number, _)| Id::new(number))
     }
 
-    /// Whatever is answered now answers nothing that was followed.
+    /// Whatever is answered now proves nothing.
     pub fn nobody_is_asked(&mut self) {
         self.asked = Asked::Nobody;
     }
 
-    /// The PC has told `id` this.
+    /// The PC has told `id` this, and no earlier instruction can be answered any more.
     pub fn follow(&mut self, id: Id, instruction: &Instruction<'_>) {
-        let whom = places(id);
-        if let Some(&[before]) = self.known.get(whom.clone()) {
-            self.asked = Asked::Write { id, before };
-        }
         match *instruction {
-            Instruction::Ping => {}
-            Instruction::Read { address, count } => {
-                self.asked = Asked::Read { id, address, count };
-            }
-            Instruction::Write { address, data } => self.write(whom, address, data),
-            Instruction::RegWrite { address, data } => {
-                let gives_id = given_id(address, data).is_some();
-                let registered = if gives_id { Limits::UNKNOWN } else { Limits::of(address, data) };
-                self.of(whom).iter_mut().for_each(|known| known.registered = registered);
-            }
-            Instruction::Action => {
-                for known in self.of(whom) {
-                    let registered = core::mem::take(&mut known.registered);
-                    known.take(registered);
-                }
-            }
-            // Limits of a joint, and the ID is 1.
-            Instruction::Reset => {
-                self.of(whom).fill(Known::NOTHING);
-                self.of(1..2).fill(Known::NOTHING);
-            }
             Instruction::SyncWrite(list) => {
                 for (number, data) in list.servos() {
-                    let first = usize::from(number);
-                    self.write(first..first + 1, list.address(), data);
+                    let address = list.address();
+                    self.tell(places_of(number), &Instruction::Write { address, data });
                 }
             }
+            _ => self.tell(places(id), instruction),
         }
+        self.asked = match (instruction, self.of(places(id))) {
+            (&Instruction::Read { address, count }, [_]) => Asked::Read { id, address, count },
+            (_, &mut [mut obeyed]) => {
+                obeyed.obeyed(instruction);
+                Asked::Told { id, obeyed }
+            }
+            _ => Asked::Nobody,
+        };
     }
 
-    /// A servo has answered.
-    pub fn hear(&mut self, status: Packet<'_>) {
-        let refuses = || {
-            let errors = Errors::from_bits(status.code);
-            REFUSALS.into_iter().any(|refusal| errors.contains(refusal))
-        };
-        match self.asked {
-            Asked::Read { id, address, count }
-                if id == status.id && status.params.len() == usize::from(count) =>
-            {
-                let limits = Limits::of(address, status.params);
-                self.of(places(id)).iter_mut().for_each(|known| known.take(limits));
+    /// A servo has answered; whether it is the one that was asked.
+    pub fn hear(&mut self, status: Packet<'_>) -> bool {
+        let errors = Errors::from_bits(status.code);
+        let obeys = !REFUSALS.into_iter().any(|refusal| errors.contains(refusal));
+        let whom = places(status.id);
+        match core::mem::replace(&mut self.asked, Asked::Nobody) {
+            Asked::Read { id, address, count } if id == status.id => {
+                if obeys && status.params.len() == usize::from(count) {
+                    let Limits { zero, other } = Limits::of(address, status.params);
+                    let read = |known: &mut Known| known.zero = known.zero & !other | zero;
+                    self.of(whom).iter_mut().for_each(read);
+                }
+                true
             }
-            Asked::Write { id, before } if id == status.id && refuses() => {
-                self.of(places(id)).fill(before);
+            Asked::Told { id, obeyed } if id == status.id => {
+                if obeys && status.params.is_empty() {
+                    self.of(whom).fill(obeyed);
+                }
+                true
             }
-            _ => {}
+            _ => false,
         }
-        self.asked = Asked::Nobody;
     }
 
     fn of(&mut self, whom: Range<usize>) -> &mut [Known] {
         self.known.get_mut(whom).unwrap_or_default()
     }
 
-    fn write(&mut self, whom: Range<usize>, address: u8, data: &[u8]) {
-        let limits = Limits::of(address, data);
-        self.of(whom.clone()).iter_mut().for_each(|known| known.take(limits));
-        if let Some(number) = given_id(address, data) {
-            let moved = self.known.get(whom.start).copied().unwrap_or_default();
-            self.of(whom).fill(Known::NOTHING);
-            self.of(places_of(number)).fill(moved);
+    fn tell(&mut self, whom: Range<usize>, instruction: &Instruction<'_>) {
+        self.of(whom).iter_mut().for_each(|known| known.told(instruction));
+        let given = match *instruction {
+            Instruction::Write { address, data } => byte_at(Register::ID.address, address, data),
+            Instruction::Reset => Some(1),
+            _ => None,
+        };
+        if let Some(number) = given {
+            self.of(places_of(number)).iter_mut().for_each(|known| known.zero = 0);
         }
     }
-}
-
-/// The ID that a write to register 3 gives.
-fn given_id(address: u8, data: &[u8]) -> Option<u8> {
-    let place = Register::ID.address.checked_sub(address)?;
-    data.get(usize::from(place)).copied()
 }
 
 /// Where the servos that an ID names are known.
