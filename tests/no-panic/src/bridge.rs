@@ -36,6 +36,6 @@ pub fn run_pass_through() {
         black_box(pass.stop(Instant::now(), &mut [0; MAX_OWN_PACKET]));
         black_box(pass.transmit(&mut [0; 64]));
         black_box((pass.stops_at(), pass.has_answers(), pass.counters()));
-        black_box(pass.turners().count());
+        black_box(pass.wheels().count());
     }
 }

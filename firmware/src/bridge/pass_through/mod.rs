@@ -3,36 +3,37 @@
 //! ```text
 //!            ┌───────────── PassThrough ─────────────┐
 //!   PC ────> │ receive ── refuses baud ──────────────│ ────> bus
-//!            │          Turners        stop (2 s) ── │ ────> bus
+//!            │          Wheels         stop (2 s) ── │ ────> bus
 //!   PC <──── │ transmit <────────── echo taken away  │ <──── bus
 //!            └───────────────────────────────────────┘
 //! ```
 //!
-//! A [`PassThrough`] has no I/O and no clock, as the bridge; [`tasks`] run it. Vocabulary: a servo that
-//! *turns endlessly* is one with both angle limits 0, a *turner*; the *echo* is what the board itself sends,
-//! as the one wire gives it back.
+//! A [`PassThrough`] has no I/O and no clock, as the bridge; [`tasks`] run it. Vocabulary: a servo with
+//! both angle limits 0 is a *wheel* and turns endlessly (its maker's wheel mode), any other is a *joint*; the
+//! *echo* is what the board itself sends, as the one wire gives it back.
 //!
 //! Rules:
 //! - The PC's bytes go to the bus as they come, and what servos say goes to the PC as it comes: neither
 //!   waits for the end of a packet.
 //! - The bus stays at its baud. An instruction that writes another to register 4 has its last byte, the
 //!   checksum, inverted: the servo that it names answers with the checksum error, and nobody obeys.
-//! - [`SILENCE`] after the PC's last byte each turner is sent moving speed 0, once. Nobody else is sent
-//!   anything: for a joint speed 0 is full speed. What the PC has left unfinished is not mixed with that,
-//!   since servos give up an instruction after 100 ms of silence, and so does the board.
+//! - [`SILENCE`] after the PC's last byte each servo that has been seen to be a wheel is sent moving speed 0, once.
+//!   Nobody else is sent anything: for a joint speed 0 is full speed. What the PC has left unfinished is not mixed
+//!   with that, since servos give up an instruction after 100 ms of silence on the bus, and so does the board.
 //! - A PC that speaks while the board does waits for the packet's end: 140 us, since no more than
 //!   [`STOPPED_AT_ONCE`] are stopped with one. The rest are left until it is silent again.
 //! - An echo that is not what was sent, or does not come, is a *collision*: nothing is believed, and nothing goes to
 //!   the PC, until the bus has been quiet for a servo's longest stall.
 //! - Nor is an answer believed, though it goes to the PC, while one to an earlier instruction could still come.
-//! - A PC that is faster than the bus is kept waiting; answers that a slower PC's line has no room for are
-//!   dropped and counted.
+//! - A PC that is faster than the bus waits where its line can make it wait; on a UART it has some 400 bytes in
+//!   advance, and what it sends beyond is lost, an error of its line. Answers that a slower PC's line has no room
+//!   for are dropped and counted.
 //!
 //! Instructions are followed as servos follow them, by their length, so that nobody obeys what was not looked
 //! at.
 
 pub mod tasks;
-mod turners;
+mod wheels;
 
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
@@ -43,9 +44,9 @@ use protocol::dynamixel::{
 
 use super::exchange::{BYTE, PATIENCE, QUIET};
 use crate::reception::{LONGEST_PAUSE, count};
-use turners::Turners;
+use wheels::Wheels;
 
-/// After the PC's last byte, what turns endlessly is stopped.
+/// So long after the PC's last byte wheels are stopped.
 pub const SILENCE: Duration = Duration::from_secs(2);
 /// So many are stopped with one packet, of 14 bytes: the PC waits for it, and its packet may come 0.2 ms late.
 pub const STOPPED_AT_ONCE: usize = 2;
@@ -85,11 +86,11 @@ pub struct PassThrough {
     instructions: Deframer<ByLength, MAX_PACKET>,
     /// When the PC's last byte leaves for the bus, where servos measure its pauses.
     left: Instant,
-    /// When what turns endlessly is to be stopped, unless all of it has been.
+    /// When wheels are to be stopped, unless all of them have been.
     stops_at: Option<Instant>,
     /// From this ID on they are still to be stopped.
     unstopped: u8,
-    turners: Turners,
+    wheels: Wheels,
     /// Until when a servo may begin to answer what it was told.
     answered_by: Instant,
     answers: StatusReceiver,
@@ -109,7 +110,7 @@ impl PassThrough {
             left: Instant::MIN,
             stops_at: None,
             unstopped: 0,
-            turners: Turners::new(),
+            wheels: Wheels::new(),
             answered_by: Instant::MIN,
             answers: StatusReceiver::new(),
             echo: Deque::new(),
@@ -134,9 +135,9 @@ impl PassThrough {
         self.counters
     }
 
-    /// The IDs, 0 to 253, whose two limits were last seen to be 0.
-    pub fn turners(&self) -> impl Iterator<Item = u8> {
-        self.turners.from(0).map(|id| id.number())
+    /// The IDs, 0 to 253, of the servos that have been seen to be wheels.
+    pub fn wheels(&self) -> impl Iterator<Item = u8> {
+        self.wheels.from(0).map(|id| id.number())
     }
 
     /// Takes bytes of the PC, and makes of them what is to be sent on the bus at once, in their place.
@@ -178,9 +179,9 @@ impl PassThrough {
         match instruction {
             Some(instruction) if changes_baud(&instruction) => true,
             Some(instruction) => {
-                self.turners.follow(fields.id, &instruction);
+                self.wheels.follow(fields.id, &instruction);
                 if is_hasty {
-                    self.turners.nobody_is_asked();
+                    self.wheels.nobody_is_asked();
                 }
                 false
             }
@@ -191,7 +192,7 @@ impl PassThrough {
     /// Whatever is answered from now on, or has been in part, proves nothing.
     fn believe_nothing(&mut self) {
         self.answers = StatusReceiver::new();
-        self.turners.nobody_is_asked();
+        self.wheels.nobody_is_asked();
     }
 
     /// Counts an error that the PC's line reported.
@@ -213,7 +214,7 @@ impl PassThrough {
         let speed = Register::MOVING_SPEED;
         let mut packet = SyncWriter::new(out, speed.address, speed.size).ok()?;
         let mut stopped = 0;
-        for id in self.turners.from(self.unstopped).take(STOPPED_AT_ONCE) {
+        for id in self.wheels.from(self.unstopped).take(STOPPED_AT_ONCE) {
             packet.servo(id).ok()?.fill(0);
             self.unstopped = id.number().saturating_add(1);
             stopped += 1;
@@ -289,7 +290,7 @@ impl PassThrough {
         }
         if let Some(packet) = self.answers.receive(&mut &[byte][..])
             && let Some(status) = Packet::received(packet)
-            && self.turners.hear(status)
+            && self.wheels.hear(status)
         {
             self.answered_by = Instant::MIN;
         }

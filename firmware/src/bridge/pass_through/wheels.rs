@@ -1,7 +1,7 @@
-//! Which servos turn endlessly, as far as it was seen on the bus: those whose angle limits, registers 6 to 9,
-//! are all 0.
+//! Which servos are wheels, as far as it was seen on the bus: those whose angle limits, registers 6 to 9, are
+//! all 0.
 //!
-//! A joint that is taken for a turner would be sent full speed, so a zero must be proved and a doubt is enough
+//! A joint that is taken for a wheel would be sent full speed, so a zero must be proved and a doubt is enough
 //! against it:
 //! - a byte is 0 when its servo answers so to a READ, or obeys a WRITE of 0: answers without a refusal. What
 //!   nobody answers to (SYNC_WRITE, broadcasts, whatever a servo's status return level leaves out) proves nothing;
@@ -117,21 +117,21 @@ enum Asked {
 }
 
 /// What is known of all servos.
-pub struct Turners {
+pub struct Wheels {
     known: [Known; IDS],
     asked: Asked,
 }
 
-impl Turners {
+impl Wheels {
     /// Nothing is known.
     pub const fn new() -> Self {
         Self { known: [Known::NOTHING; IDS], asked: Asked::Nobody }
     }
 
-    /// The turners from this ID on, in the order of their IDs.
+    /// The wheels from this ID on, in the order of their IDs.
     pub fn from(&self, first: u8) -> impl Iterator<Item = Id> {
-        let turners = (0..=u8::MAX).zip(&self.known).skip(usize::from(first));
-        turners.filter(|(_, known)| known.zero == ALL).filter_map(|(number, _)| Id::new(number))
+        let wheels = (0..=u8::MAX).zip(&self.known).skip(usize::from(first));
+        wheels.filter(|(_, known)| known.zero == ALL).filter_map(|(number, _)| Id::new(number))
     }
 
     /// Whatever is answered now proves nothing.
