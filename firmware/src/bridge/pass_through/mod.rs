@@ -37,9 +37,9 @@ mod wheels;
 
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
-use protocol::deframe::{Deframer, Framing};
+use protocol::deframe::Framing;
 use protocol::dynamixel::{
-    ByLength, Dynamixel, Id, Instruction, MAX_PACKET, Packet, Register, StatusReceiver, SyncWriter,
+    Dynamixel, Id, Instruction, InstructionReceiver, Packet, Register, StatusReceiver, SyncWriter,
 };
 
 use super::exchange::{BYTE, PATIENCE, QUIET};
@@ -83,7 +83,7 @@ pub struct PassThroughCounters {
 
 /// The pass-through. See the [module](self). The time that it is told never runs backwards.
 pub struct PassThrough {
-    instructions: Deframer<ByLength, MAX_PACKET>,
+    instructions: InstructionReceiver,
     /// When the PC's last byte leaves for the bus, where servos measure its pauses.
     left: Instant,
     /// When wheels are to be stopped, unless all of them have been.
@@ -106,7 +106,7 @@ impl PassThrough {
     /// One that has heard nothing yet.
     pub const fn new() -> Self {
         Self {
-            instructions: Deframer::new(),
+            instructions: InstructionReceiver::new(),
             left: Instant::MIN,
             stops_at: None,
             unstopped: 0,
@@ -144,7 +144,7 @@ impl PassThrough {
     pub fn receive(&mut self, bytes: &mut [u8], now: Instant) {
         self.settle(now);
         if now > self.left.saturating_add(LONGEST_PAUSE) {
-            self.instructions = Deframer::new();
+            self.instructions = InstructionReceiver::new();
         }
         self.occupy(bytes.len(), now);
         self.left = self.busy_until;
