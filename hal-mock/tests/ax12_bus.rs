@@ -138,10 +138,7 @@ fn what_an_independent_master_has_left_turning_is_stopped_by_the_pass_through_2_
         (&state["servos"][0]["moving_speed"], &state["servos"][1]["moving_speed"]),
         (&json!(0), &json!(200))
     );
-    assert_eq!(
-        (&state["turn_endlessly"], &state["pass_through"]["stops"]),
-        (&json!([1]), &json!(1))
-    );
+    assert_eq!((&state["wheels"], &state["pass_through"]["stops"]), (&json!([1]), &json!(1)));
     drop(master);
     let (handler, mut port) = (DynamixelProtocolHandler::v1(), port(&board));
     let error = handler.write_with_error(port.as_mut(), 2, 4, &[34]).unwrap();

@@ -130,8 +130,8 @@ impl Bus {
         }
     }
 
-    /// Sends a byte, if none is being sent: the line waits for nothing, and all else for 10 us. Status first,
-    /// then data, clears the TC of the last time.
+    /// Sends an instruction's first byte, if the bus is free; whether it was. So no interrupt stands before it,
+    /// and what follows it is wanted 10 us later. Status first, then data, clears the TC of the last time.
     fn begin(&self, first: u8) -> bool {
         critical_section::with(|_| {
             if self.is_sending() {

@@ -1,9 +1,10 @@
 //! The host's line: a UART, 8N1 at the image's baud, `embedded_io_async`'s `Read` and `Write`.
 //!
 //! Receiving is DMA into a ring that nobody has to empty in a hurry, looked at shortly before each
-//! control period ([`next_look`]), or as often as [`Receiver::look_every`] says. embassy's own receivers are not used, because each of their looks
-//! reads the data register, and a byte that arrives at that moment is lost to the DMA. What is lost or
-//! damaged all the same is an error once, which the session counts; reading goes on after it.
+//! control period ([`next_look`]), or as often as [`Receiver::look_every`] says. embassy's own receivers
+//! are not used, because each of their looks reads the data register, and a byte that arrives at that
+//! moment is lost to the DMA. What is lost or damaged all the same is an error once, which the session
+//! counts; reading goes on after it.
 //! Sending is DMA by embassy's transmitter, which touches only the transmit side.
 
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};

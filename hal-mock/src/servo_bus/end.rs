@@ -1,8 +1,9 @@
 //! The master's end of the bus on virtual time: a UART whose pin both sends and receives.
 //!
-//! A `write` returns when there is room for its bytes, as a board's does; a `flush` completes when the last stop bit
-//! has left, which is when a half duplex driver turns the line round. What was written appears in what is read, byte by byte, when
-//! its stop bits pass (unless the bus is made without echo); then the servos' answers do.
+//! A `write` returns when there is room for its bytes, as a board's does; a `flush` completes when the last
+//! stop bit has left, which is when a half duplex driver turns the line round. What was written appears in
+//! what is read, byte by byte, when its stop bits pass (unless the bus is made without echo); then the
+//! servos' answers do.
 
 use std::cell::{RefCell, RefMut};
 use std::convert::Infallible;
@@ -24,7 +25,7 @@ pub struct MasterEnd(Rc<RefCell<State>>);
 
 struct State {
     bus: ServoBus,
-    /// Packets sent so far, wrapping: whoever waits looks again when there are more.
+    /// Writes so far, wrapping: whoever waits looks again when there are more.
     sent: u32,
     reader: Option<Waker>,
 }

@@ -25,9 +25,9 @@ mod end;
 
 use std::collections::VecDeque;
 
-use protocol::deframe::{Deframer, Framing};
+use protocol::deframe::Framing;
 use protocol::dynamixel::{
-    ByLength, Dynamixel, Errors, Id, Instruction, MAX_PACKET, Packet, Register,
+    Dynamixel, Errors, Id, Instruction, InstructionReceiver, MAX_PACKET, Packet, Register,
 };
 
 use crate::plant::Ax12;
@@ -105,7 +105,7 @@ struct Byte {
 struct Socket {
     servo: Ax12,
     plugged: bool,
-    receiver: Deframer<ByLength, MAX_PACKET>,
+    receiver: InstructionReceiver,
     last_byte_ns: u64,
     /// Until when it is deaf: it prepares an answer, sends it, or is busy with its EEPROM.
     busy_ns: u64,
@@ -118,7 +118,7 @@ impl ServoBus {
         let sockets = servos.into_iter().map(|servo| Socket {
             servo,
             plugged: true,
-            receiver: Deframer::new(),
+            receiver: InstructionReceiver::new(),
             last_byte_ns: 0,
             busy_ns: 0,
             answer: VecDeque::new(),
@@ -173,7 +173,7 @@ impl ServoBus {
         let socket = &mut self.sockets[index];
         if !socket.plugged {
             socket.plugged = true;
-            socket.receiver = Deframer::new();
+            socket.receiver = InstructionReceiver::new();
             socket.busy_ns = self.now_ns;
             socket.servo.power_on();
         }
@@ -323,11 +323,11 @@ impl Socket {
     /// send.
     fn hear(&mut self, byte: Byte, value: u8) -> Option<Vec<u8>> {
         if !self.plugged || byte.start_ns < self.busy_ns {
-            self.receiver = Deframer::new();
+            self.receiver = InstructionReceiver::new();
             return None;
         }
         if byte.end_ns - self.last_byte_ns > BYTE_TIMEOUT_NS {
-            self.receiver = Deframer::new();
+            self.receiver = InstructionReceiver::new();
         }
         self.last_byte_ns = byte.end_ns;
         let packet = self.receiver.receive(&mut &[value][..])?.to_vec();

@@ -20,8 +20,8 @@ pub use crate::data::EncodeError;
 pub use errors::Errors;
 pub use instruction::{Instruction, SyncWrite, SyncWriter};
 pub use packet::{
-    ByLength, Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD,
-    Packet, StatusReceiver,
+    Dynamixel, Id, InstructionReceiver, MAX_PACKET, MAX_PARAMS, MAX_STATUS, OVERHEAD, Packet,
+    StatusReceiver,
 };
 pub(crate) use packet::{Writer, sums_up};
 pub use register::{Access, REGISTER_BYTES, Register};

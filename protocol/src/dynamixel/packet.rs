@@ -84,8 +84,9 @@ impl Framing for ByLength {
     }
 }
 
-/// Finds instructions in a stream, as a servo must: nothing is longer than [`MAX_PACKET`].
-pub type InstructionReceiver = Deframer<Dynamixel, MAX_PACKET>;
+/// Finds instructions in a stream, as an AX-12 does: nothing is longer than [`MAX_PACKET`]. Whether one is
+/// intact is still to be asked.
+pub type InstructionReceiver = Deframer<ByLength, MAX_PACKET>;
 
 /// Finds answers in a stream, as a master must: nothing longer than [`MAX_STATUS`]. The echo of the
 /// master's own instructions is not for it.

@@ -32,10 +32,10 @@ pub fn run_pass_through() {
         pass.receive(&mut heard, Instant::now());
         pass.bus_hears(&heard, Instant::now());
         pass.pc_failed();
-        pass.bus_failed();
+        pass.bus_failed(Instant::now());
         black_box(pass.stop(Instant::now(), &mut [0; MAX_OWN_PACKET]));
         black_box(pass.transmit(&mut [0; 64]));
         black_box((pass.stops_at(), pass.has_answers(), pass.counters()));
-        black_box(pass.turners().count());
+        black_box(pass.wheels().count());
     }
 }

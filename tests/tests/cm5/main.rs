@@ -6,7 +6,7 @@
 //! - `faults.rs`: servos that go and come, noise;
 //! - `watchdog.rs`: loops that hang;
 //! - `scripted.rs`: the bridge alone, on a bus that does what no servo would;
-//! - `pass_through.rs`: no bridge at all, the PC is the bus's master.
+//! - `pass_through.rs`: no bridge at all, the PC is the bus's master; `pass_through/wheels.rs`: what it stops.
 
 mod faults;
 mod packets;

@@ -1,5 +1,7 @@
 //! The CM-5 as a pass-through: a PC that is the servo bus's master itself, on virtual time.
 
+mod wheels;
+
 use firmware::bridge::pass_through::{PassThrough, PassThroughCounters, SILENCE};
 use hal_mock::pass_through_board::{Loop, Make, PassThroughBoard};
 use hal_mock::servo_bus;
@@ -66,8 +68,8 @@ impl Pc {
         self.0.pass().counters()
     }
 
-    fn turners(&self) -> Vec<u8> {
-        self.0.pass().turners().collect()
+    fn wheels(&self) -> Vec<u8> {
+        self.0.pass().wheels().collect()
     }
 }
 
@@ -180,163 +182,17 @@ fn a_long_packet_is_cut_through_and_reaches_the_bus_in_one_piece() {
 }
 
 #[test]
-fn two_seconds_after_the_pcs_last_byte_what_turns_endlessly_is_stopped_and_nobody_else_is_sent_anything()
- {
-    let mut pc = Pc::new([1, 2, 3, 200]);
-    for id in [2, 200] {
-        pc.set_up(&write(id, LIMITS, &ZERO));
+fn a_write_of_another_baud_in_pieces_is_refused_whenever_servos_take_them_for_one() {
+    for pause_us in (99_000..102_000).step_by(20) {
+        let make = Make { servos: turning([1]), line_rate: 0, ..Make::default() };
+        let mut pc = Pc::with(make);
+        let asked = write(1, 4, &[34]);
+        pc.send(&[&[0; 58][..], &asked[..6]].concat());
+        pc.run_us(pause_us);
+        pc.send(&asked[6..]);
+        pc.run_ms(5);
+        assert_eq!(pc.0.bus.bus().servo(0).get(Register::BAUD_RATE), 1, "{pause_us} us");
     }
-    pc.set_up(&write(3, 8, &[0, 1])); // a joint of 256 positions
-    let last = ping(1);
-    let begun = Instant::now();
-    pc.send(&last);
-    let silent = begun + Duration::from_micros(BYTE_US * last.len() as u64) + SILENCE;
-    pc.0.run_until(silent - Duration::from_micros(1));
-    let sent = pc.0.bus.bus().sending_until_ns();
-    assert_eq!(pc.counters().stops, 0);
-    pc.run_ms(1);
-    assert_eq!([0, 1, 2, 3].map(|k| pc.speed(k)), [300, 0, 300, 0]);
-    assert_eq!(pc.counters().stops, 2);
-    // 14 bytes, and nothing more, however long it takes.
-    let stopped = silent.as_micros() * 1000 + 14 * 10_000;
-    assert!(sent < stopped);
-    assert_eq!(pc.0.bus.bus().sending_until_ns(), stopped);
-    pc.run_ms(60_000);
-    assert_eq!(pc.0.bus.bus().sending_until_ns(), stopped);
-    assert_eq!(pc.heard(), status(1, Errors::NONE, &[]), "the answer to the PING");
-    // And again when it has spoken again.
-    pc.ask(&write(2, 32, &[44, 1]));
-    pc.run_ms(1990);
-    assert_eq!(pc.speed(1), 300);
-    pc.run_ms(20);
-    assert_eq!(pc.speed(1), 0);
-}
-
-#[test]
-fn a_board_that_has_seen_no_limits_says_nothing() {
-    let mut all = turning([1]);
-    all[0].set(Register::CCW_LIMIT, 0);
-    let mut pc = Pc::with(Make { servos: all, ..Make::default() });
-    pc.ask(&ping(1));
-    let sent = pc.0.bus.bus().sending_until_ns();
-    pc.run_ms(10_000);
-    assert_eq!(pc.speed(0), 300);
-    assert_eq!(pc.0.bus.bus().sending_until_ns(), sent);
-    // Two reads show them, in halves.
-    pc.ask(&read(1, 4, 4));
-    pc.run_ms(3000);
-    assert_eq!((pc.turners(), pc.speed(0)), (vec![], 300));
-    pc.ask(&read(1, 8, 2));
-    pc.run_ms(3000);
-    assert_eq!((pc.turners(), pc.speed(0)), (vec![1], 0));
-}
-
-#[test]
-fn limits_are_seen_in_whatever_writes_them() {
-    let mut pc = Pc::new([1, 2, 3, 4, 5]);
-    pc.set_up(&write(2, LIMITS, &ZERO));
-    assert_eq!(pc.turners(), [2]);
-    pc.set_up(&sync_write(LIMITS, &[(3, &ZERO), (4, &[0, 0, 255, 3])]));
-    assert_eq!(pc.turners(), [2, 3]);
-    pc.set_up(&reg_write(4, LIMITS, &ZERO));
-    assert_eq!(pc.turners(), [2, 3], "not before its ACTION");
-    pc.set_up(&packet(BROADCAST, Instruction::Action));
-    assert_eq!(pc.turners(), [2, 3, 4]);
-    // Half of them makes a joint, in a packet with others too.
-    pc.set_up(&write(2, 5, &[1, 10, 0]));
-    assert_eq!(pc.turners(), [3, 4]);
-    pc.set_up(&write(2, 6, &[0, 0]));
-    assert_eq!(pc.turners(), [2, 3, 4]);
-    pc.set_up(&write(2, 3, &[9])); // now it is 9
-    assert_eq!(pc.turners(), [3, 4, 9]);
-    pc.set_up(&packet(4, Instruction::Reset)); // now it is 1 too
-    assert_eq!(pc.turners(), [3, 9]);
-    pc.run_ms(3000);
-    assert_eq!(
-        [0, 1, 2, 3, 4].map(|k| pc.speed(k)),
-        [300, 0, 0, 0, 300],
-        "RESET itself has made it 0"
-    );
-    let all: Vec<_> = {
-        let bus = pc.0.bus.bus();
-        bus.servos().map(|(servo, _)| (servo.id(), servo.get(Register::CCW_LIMIT))).collect()
-    };
-    assert_eq!(all, [(1, 1023), (9, 0), (3, 0), (1, 1023), (5, 1023)], "as the servos have it");
-}
-
-#[test]
-fn a_write_that_its_servo_refuses_counts_for_nothing() {
-    let mut all = turning([1, 2]);
-    all.iter_mut().for_each(|servo| servo.set(Register::LOCK, 1));
-    all[1].set(Register::CCW_LIMIT, 0);
-    let mut pc = Pc::with(Make { servos: all, ..Make::default() });
-    assert_eq!(pc.ask(&write(1, LIMITS, &ZERO)), status(1, Errors::RANGE, &[]));
-    assert_eq!(pc.turners(), NOTHING);
-    pc.ask(&read(2, LIMITS, 4));
-    assert_eq!(pc.ask(&write(2, LIMITS, &[0, 0, 255, 3])), status(2, Errors::RANGE, &[]));
-    assert_eq!(pc.turners(), [2], "still");
-    // A damaged one is no write at all.
-    let mut damaged = write(1, LIMITS, &ZERO);
-    *damaged.last_mut().unwrap() ^= 0x80;
-    pc.ask(&damaged);
-    assert_eq!(pc.turners(), [2]);
-    // Nor is what another servo says an answer.
-    pc.send(&read(1, LIMITS, 4));
-    pc.run_ms(5);
-    pc.0.bus.bus().servo(0).set(Register::CCW_LIMIT, 0);
-    pc.ask(&read(1, LIMITS, 3));
-    assert_eq!(pc.turners(), [2]);
-}
-
-#[test]
-fn what_the_pc_has_left_unfinished_is_not_mixed_with_the_boards_own_packet() {
-    for part in 1..12 {
-        let mut pc = Pc::new([1, 2]);
-        pc.set_up(&write(1, LIMITS, &ZERO));
-        pc.send(&write(2, 30, &[0, 1, 100, 0])[..part.min(10)]);
-        if part == 11 {
-            pc.send(&[0xFF, 0xFF, 0xFF, 2, 250]);
-        }
-        pc.run_ms(2100);
-        assert_eq!(pc.speed(0), 0, "{part} bytes");
-        // Nor with what it says next.
-        pc.heard();
-        assert_eq!(pc.ask(&ping(2)), status(2, Errors::NONE, &[]), "{part} bytes");
-        pc.ask(&write(2, LIMITS, &ZERO));
-        assert_eq!(pc.turners(), [1, 2]);
-    }
-}
-
-#[test]
-fn a_pc_that_speaks_while_the_board_does_is_late_by_200_us_at_the_most_and_stops_it() {
-    let mut latest = 0;
-    for phase in (0..500).step_by(3) {
-        let mut pc = Pc::new([1, 2, 3, 4, 5, 6]);
-        let list: Vec<_> = (1..=5).map(|id| (id, &ZERO[..])).collect();
-        pc.set_up(&sync_write(LIMITS, &list));
-        let spoke = Instant::now();
-        pc.send(&ping(6));
-        let asked = ping(6);
-        // The board begins 2 s after the PING's last byte; its three packets take 140, 140 and 110 us.
-        let begin = spoke + Duration::from_micros(60) + SILENCE - Duration::from_micros(80);
-        pc.0.run_until(begin + Duration::from_micros(phase));
-        pc.heard();
-        let left_pc = Instant::now().as_micros() + BYTE_US * asked.len() as u64;
-        assert_eq!(pc.ask(&asked), status(6, Errors::NONE, &[]), "{phase}");
-        let left = pc.0.bus.bus().sending_until_ns() / 1000;
-        latest = latest.max(left - left_pc);
-        let stopped = (0..5).filter(|&k| pc.speed(k) == 0).count();
-        assert_eq!(stopped, pc.counters().stops as usize);
-        assert_eq!(stopped, [0, 2, 4, 5][stopped.div_ceil(2)], "whole packets, in order");
-        // What is left, when it is silent again.
-        pc.run_ms(1980);
-        assert_eq!((0..5).filter(|&k| pc.speed(k) == 0).count(), stopped);
-        pc.run_ms(30);
-        assert_eq!((0..6).map(|k| pc.speed(k)).collect::<Vec<_>>(), [0, 0, 0, 0, 0, 300]);
-        assert_eq!(pc.counters().collisions, 0);
-    }
-    println!("late by {latest} us at the most");
-    assert!((150..=200).contains(&latest), "{latest} us");
 }
 
 #[test]
@@ -465,7 +321,7 @@ fn a_loop_that_hangs_silences_the_bus_at_the_latest_when_it_restarts_the_board_w
         assert!(period.contains(&reset), "{task:?}: {reset} ms");
         // As after any start: nobody is known, and nobody is sent anything.
         pc.heard();
-        assert_eq!(pc.turners(), NOTHING);
+        assert_eq!(pc.wheels(), NOTHING);
         assert_eq!(pc.ask(&ping(2)), status(2, Errors::NONE, &[]), "{task:?}");
         let sent = pc.0.bus.bus().sending_until_ns();
         pc.run_ms(5000);
@@ -513,10 +369,10 @@ fn a_failed_line_is_counted_and_used_again() {
     let at = |us: u64| Instant::from_micros(1_000_000 + us);
     let mut out = [0; 64];
     pass.receive(&mut ping(1), at(0));
-    pass.bus_failed();
-    pass.bus_hears(&ping(1)[3..], at(60));
+    pass.bus_failed(at(1040));
+    pass.bus_hears(&ping(1)[3..], at(1050));
     assert_eq!(pass.transmit(&mut out), None);
-    pass.bus_hears(&[1, 2, 3], at(300));
+    pass.bus_hears(&[1, 2, 3], at(1300));
     assert_eq!(pass.transmit(&mut out), Some(&[1, 2, 3][..]));
     assert_eq!(pass.counters().bus_line_errors, 1);
 }

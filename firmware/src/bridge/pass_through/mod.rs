@@ -3,48 +3,50 @@
 //! ```text
 //!            ┌───────────── PassThrough ─────────────┐
 //!   PC ────> │ receive ── refuses baud ──────────────│ ────> bus
-//!            │          Turners        stop (2 s) ── │ ────> bus
+//!            │          Wheels         stop (2 s) ── │ ────> bus
 //!   PC <──── │ transmit <────────── echo taken away  │ <──── bus
 //!            └───────────────────────────────────────┘
 //! ```
 //!
-//! A [`PassThrough`] has no I/O and no clock, as the bridge; [`tasks`] run it. Vocabulary: a servo that
-//! *turns endlessly* is one with both angle limits 0, a *turner*; the *echo* is what the board itself sends,
-//! as the one wire gives it back.
+//! A [`PassThrough`] has no I/O and no clock, as the bridge; [`tasks`] run it. Vocabulary: a servo with
+//! both angle limits 0 is a *wheel* and turns endlessly (its maker's wheel mode), any other is a *joint*; the
+//! *echo* is what the board itself sends, as the one wire gives it back.
 //!
 //! Rules:
 //! - The PC's bytes go to the bus as they come, and what servos say goes to the PC as it comes: neither
 //!   waits for the end of a packet.
 //! - The bus stays at its baud. An instruction that writes another to register 4 has its last byte, the
 //!   checksum, inverted: the servo that it names answers with the checksum error, and nobody obeys.
-//! - [`SILENCE`] after the PC's last byte each turner is sent moving speed 0, once. Nobody else is sent
-//!   anything: for a joint speed 0 is full speed. What the PC has left unfinished is not mixed with that,
-//!   since servos give up an instruction after 100 ms of silence, and so does the board.
+//! - [`SILENCE`] after the PC's last byte each servo that has been seen to be a wheel is sent moving speed 0, once.
+//!   Nobody else is sent anything: for a joint speed 0 is full speed. What the PC has left unfinished is not mixed
+//!   with that, since servos give up an instruction after 100 ms of silence on the bus, and so does the board.
 //! - A PC that speaks while the board does waits for the packet's end: 140 us, since no more than
 //!   [`STOPPED_AT_ONCE`] are stopped with one. The rest are left until it is silent again.
 //! - An echo that is not what was sent, or does not come, is a *collision*: nothing is believed, and nothing goes to
 //!   the PC, until the bus has been quiet for a servo's longest stall.
-//! - A PC that is faster than the bus is kept waiting; answers that a slower PC's line has no room for are
-//!   dropped and counted.
+//! - Nor is an answer believed, though it goes to the PC, while one to an earlier instruction could still come.
+//! - A PC that is faster than the bus waits where its line can make it wait; on a UART it has some 400 bytes in
+//!   advance, and what it sends beyond is lost, an error of its line. Answers that a slower PC's line has no room
+//!   for are dropped and counted.
 //!
 //! Instructions are followed as servos follow them, by their length, so that nobody obeys what was not looked
 //! at.
 
 pub mod tasks;
-mod turners;
+mod wheels;
 
 use embassy_time::{Duration, Instant};
 use heapless::Deque;
-use protocol::deframe::{Deframer, Framing};
+use protocol::deframe::Framing;
 use protocol::dynamixel::{
-    ByLength, Dynamixel, Instruction, MAX_PACKET, Packet, Register, StatusReceiver, SyncWriter,
+    Dynamixel, Id, Instruction, InstructionReceiver, Packet, Register, StatusReceiver, SyncWriter,
 };
 
-use super::exchange::{BYTE, QUIET};
+use super::exchange::{BYTE, PATIENCE, QUIET};
 use crate::reception::{LONGEST_PAUSE, count};
-use turners::Turners;
+use wheels::Wheels;
 
-/// After the PC's last byte, what turns endlessly is stopped.
+/// So long after the PC's last byte wheels are stopped.
 pub const SILENCE: Duration = Duration::from_secs(2);
 /// So many are stopped with one packet, of 14 bytes: the PC waits for it, and its packet may come 0.2 ms late.
 pub const STOPPED_AT_ONCE: usize = 2;
@@ -81,14 +83,16 @@ pub struct PassThroughCounters {
 
 /// The pass-through. See the [module](self). The time that it is told never runs backwards.
 pub struct PassThrough {
-    instructions: Deframer<ByLength, MAX_PACKET>,
-    /// When the PC's last byte came.
-    spoke: Instant,
-    /// When what turns endlessly is to be stopped, unless all of it has been.
+    instructions: InstructionReceiver,
+    /// When the PC's last byte leaves for the bus, where servos measure its pauses.
+    left: Instant,
+    /// When wheels are to be stopped, unless all of them have been.
     stops_at: Option<Instant>,
     /// From this ID on they are still to be stopped.
     unstopped: u8,
-    turners: Turners,
+    wheels: Wheels,
+    /// Until when a servo may begin to answer what it was told.
+    answered_by: Instant,
     answers: StatusReceiver,
     echo: Deque<u8, ECHO>,
     /// Until when the bus is busy with what was sent, or with a collision.
@@ -102,11 +106,12 @@ impl PassThrough {
     /// One that has heard nothing yet.
     pub const fn new() -> Self {
         Self {
-            instructions: Deframer::new(),
-            spoke: Instant::MIN,
+            instructions: InstructionReceiver::new(),
+            left: Instant::MIN,
             stops_at: None,
             unstopped: 0,
-            turners: Turners::new(),
+            wheels: Wheels::new(),
+            answered_by: Instant::MIN,
             answers: StatusReceiver::new(),
             echo: Deque::new(),
             busy_until: Instant::MIN,
@@ -130,23 +135,25 @@ impl PassThrough {
         self.counters
     }
 
-    /// The IDs, 0 to 253, whose two limits were last seen to be 0.
-    pub fn turners(&self) -> impl Iterator<Item = u8> {
-        self.turners.from(0).map(|id| id.number())
+    /// The IDs, 0 to 253, of the servos that have been seen to be wheels.
+    pub fn wheels(&self) -> impl Iterator<Item = u8> {
+        self.wheels.from(0).map(|id| id.number())
     }
 
     /// Takes bytes of the PC, and makes of them what is to be sent on the bus at once, in their place.
     pub fn receive(&mut self, bytes: &mut [u8], now: Instant) {
-        if now > self.spoke.saturating_add(LONGEST_PAUSE) {
-            self.instructions = Deframer::new();
+        self.settle(now);
+        if now > self.left.saturating_add(LONGEST_PAUSE) {
+            self.instructions = InstructionReceiver::new();
         }
-        self.spoke = now;
+        self.occupy(bytes.len(), now);
+        self.left = self.busy_until;
         self.stops_at = Some(now.saturating_add(SILENCE));
         self.unstopped = 0;
         let mut unread = &*bytes;
         while self.instructions.receive(&mut unread).is_some() {
             let end = bytes.len().saturating_sub(unread.len());
-            if self.is_to_be_refused() {
+            if self.is_to_be_refused(now) {
                 count(&mut self.counters.refused_bauds, 1);
                 if let Some(checksum) = bytes.get_mut(..end).and_then(|sent| sent.last_mut()) {
                     *checksum = !*checksum;
@@ -154,27 +161,38 @@ impl PassThrough {
             }
             unread = bytes.get(end..).unwrap_or_default();
         }
-        self.expect_echo(bytes, now);
+        self.expect_echo(bytes);
     }
 
     /// Follows the instruction that has just become complete; whether nobody may obey it.
-    fn is_to_be_refused(&mut self) -> bool {
+    fn is_to_be_refused(&mut self, now: Instant) -> bool {
         count(&mut self.counters.instructions, 1);
-        // What is pending there was part of no answer to this one.
-        self.answers = StatusReceiver::new();
-        self.turners.nobody_is_asked();
+        self.believe_nothing();
         let packet = self.instructions.frame();
-        let Some(fields) = Packet::received(packet).filter(|_| Dynamixel::is_intact(packet)) else {
-            return false;
-        };
-        match Instruction::parse(fields) {
+        let Some(fields) = Packet::received(packet) else { return false };
+        let instruction = Instruction::parse(fields).filter(|_| Dynamixel::is_intact(packet));
+        // A PC that does not wait could take the answer to its last instruction for that to this one.
+        let is_hasty = now < self.answered_by;
+        if fields.id != Id::BROADCAST || instruction == Some(Instruction::Ping) {
+            self.answered_by = self.left.saturating_add(PATIENCE);
+        }
+        match instruction {
             Some(instruction) if changes_baud(&instruction) => true,
             Some(instruction) => {
-                self.turners.follow(fields.id, &instruction);
+                self.wheels.follow(fields.id, &instruction);
+                if is_hasty {
+                    self.wheels.nobody_is_asked();
+                }
                 false
             }
             None => false,
         }
+    }
+
+    /// Whatever is answered from now on, or has been in part, proves nothing.
+    fn believe_nothing(&mut self) {
+        self.answers = StatusReceiver::new();
+        self.wheels.nobody_is_asked();
     }
 
     /// Counts an error that the PC's line reported.
@@ -196,7 +214,7 @@ impl PassThrough {
         let speed = Register::MOVING_SPEED;
         let mut packet = SyncWriter::new(out, speed.address, speed.size).ok()?;
         let mut stopped = 0;
-        for id in self.turners.from(self.unstopped).take(STOPPED_AT_ONCE) {
+        for id in self.wheels.from(self.unstopped).take(STOPPED_AT_ONCE) {
             packet.servo(id).ok()?.fill(0);
             self.unstopped = id.number().saturating_add(1);
             stopped += 1;
@@ -207,19 +225,24 @@ impl PassThrough {
         }
         let packet = packet.finish().ok()?;
         count(&mut self.counters.stops, stopped);
-        self.expect_echo(packet, now);
+        self.settle(now);
+        self.occupy(packet.len(), now);
+        self.expect_echo(packet);
         Some(packet)
     }
 
-    /// These bytes are handed to the bus now.
-    fn expect_echo(&mut self, bytes: &[u8], now: Instant) {
-        self.settle(now);
+    /// So many bytes are handed to the bus now.
+    fn occupy(&mut self, bytes: usize, now: Instant) {
+        self.busy_until = self.busy_until.max(now).saturating_add(BYTE * bytes as u32); // 64 at most
+    }
+
+    /// These bytes will be heard.
+    fn expect_echo(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if !self.has_collided && self.echo.push_back(byte).is_err() {
                 self.collide(); // there is room for all that can be under way
             }
         }
-        self.busy_until = self.busy_until.max(now).saturating_add(BYTE * bytes.len() as u32); // 64 at most
     }
 
     /// Takes bytes that were heard on the bus: the echo of what was sent, and what servos say.
@@ -257,6 +280,7 @@ impl PassThrough {
         count(&mut self.counters.collisions, 1);
         self.has_collided = true;
         self.echo.clear();
+        self.believe_nothing();
     }
 
     /// A byte that a servo says.
@@ -266,16 +290,18 @@ impl PassThrough {
         }
         if let Some(packet) = self.answers.receive(&mut &[byte][..])
             && let Some(status) = Packet::received(packet)
+            && self.wheels.hear(status)
         {
-            self.turners.hear(status);
+            self.answered_by = Instant::MIN;
         }
     }
 
     /// Counts an error that the bus's receiver or transmitter reported. What was heard before it is gone, and
-    /// with it echo.
-    pub fn bus_failed(&mut self) {
+    /// with it echo; the bus is used again `now`.
+    pub fn bus_failed(&mut self, now: Instant) {
         count(&mut self.counters.bus_line_errors, 1);
         self.collide();
+        self.busy_until = self.busy_until.max(now);
     }
 
     /// Whether [`transmit`](Self::transmit) has something to say.

@@ -9,7 +9,7 @@
 //! Three loops, and none of them waits for another. `hear` feeds the watchdog while the others come round.
 //! The board drives nothing itself: whichever loop hangs, the watchdog restarts it within 500 ms with the
 //! nominal LSI. If `send` hangs, or all do, the bus is silent until then. From the reset on nobody is a
-//! turner until it is seen again: one that goes on turning meanwhile is the PC's to stop.
+//! wheel until it is seen again: one that goes on turning meanwhile is the PC's to stop.
 //!
 //! Deadline: what a packet is late by, in all 0.2 ms in each direction. To the bus that is a look at the
 //! PC's line, every [`PC_LOOK`], and behind a packet of the board's own 140 us; back it is a byte.
@@ -66,8 +66,8 @@ pub async fn send<M: RawMutex>(
             }
         };
         if sent.is_err() {
-            pass.borrow_mut().bus_failed();
             Timer::after(LINE_DOWN).await;
+            pass.borrow_mut().bus_failed(Instant::now());
         }
     }
 }
@@ -103,9 +103,9 @@ pub async fn hear<M: RawMutex>(
                 }
             }
             Either::First(_) => {
-                pass.borrow_mut().bus_failed();
                 Timer::after(LINE_DOWN).await;
                 now = Instant::now();
+                pass.borrow_mut().bus_failed(now);
             }
             Either::Second(()) => {}
         }

@@ -64,12 +64,12 @@ impl Machine for PassThrough {
         let servos = bus.servos().map(|(servo, plugged)| servos::state(servo, plugged));
         let servos: Vec<_> = servos.collect();
         let pass = self.board.pass();
-        let turners: Vec<u8> = pass.turners().collect();
+        let wheels: Vec<u8> = pass.wheels().collect();
         let counters = pass.counters();
         json!({
             "t_ms": Instant::now().as_millis(),
             "servos": servos,
-            "turn_endlessly": turners,
+            "wheels": wheels,
             "pass_through": {
                 "instructions": counters.instructions,
                 "refused_bauds": counters.refused_bauds,
