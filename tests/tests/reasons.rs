@@ -479,8 +479,10 @@ fn what_is_refused_is_counted_by_reason() {
 
 #[test]
 fn a_velocity_that_full_drive_does_not_reach_is_no_slew() {
-    let mut bench = Bench::quiet();
-    bench.drive(Quantity::Velocity, 0, FULL, 0);
-    bench.run_alive_ms(1000);
-    assert_eq!(why(&mut bench), (Reason::FullDrive, 0));
+    for target in [FULL, -FULL] {
+        let mut bench = Bench::quiet();
+        bench.drive(Quantity::Velocity, 0, target, 0);
+        bench.run_alive_ms(1000);
+        assert_eq!(why(&mut bench), (Reason::FullDrive, 0));
+    }
 }

@@ -140,6 +140,13 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     by_clearing(&mut bench);
     bench.run_alive_ms(5000);
     assert_eq!((latched(&bench), is_none(&bench)), (vec![], true));
+    // Nor does it count, or is it told again, because the bridge goes off or another sensor is chosen.
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.run_alive_with(100, |bench| assert!(is_none(bench)));
+    bench.send(Command::Run { scope: Scope::Motor(WHEEL), run: false });
+    bench.run_alive_with(1000, |bench| assert!(is_none(bench)));
+    assert_eq!(latched(&bench), []);
+    bench.drive(Quantity::Pwm, 0, 32_767, 0);
     // Over-current is limited whatever the input is worth.
     change(&bench, |all| all.currents[0] = Some(4000));
     bench.run_alive_ms(200);
@@ -176,6 +183,24 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     bench.drive(Quantity::Pwm, 0, 16_384, 0);
     bench.run_alive_ms(5000);
     assert_eq!((latched(&bench), is_none(&bench)), (vec![], false));
+}
+
+#[test]
+fn a_channel_that_is_resumed_leaves_all_others_records_and_what_stopped_nothing() {
+    let mut bench = Bench::new();
+    change(&bench, |all| all.currents[0] = Some(2048));
+    bench.run_alive_ms(600); // an input that floats
+    bench.drive(Quantity::Pwm, 0, 32_767, 0);
+    bench.drive(Quantity::Pwm, 1, 32_767, 0);
+    change(&bench, |all| (all.currents[0], all.currents[1]) = (Some(4000), Some(4000)));
+    bench.run_alive_ms(2100);
+    by_resuming_the_wheel(&mut bench);
+    bench.run_alive_ms(50);
+    let left = [(Fault::CurrentSensor, Some(0)), (Fault::OverCurrent, Some(1))];
+    assert_eq!(latched(&bench), left);
+    let records = [0, 1, 2].map(|place| bench.fault(place).record);
+    let records = records.map(|record| record.map(|of| (of.fault, of.channel)));
+    assert_eq!(records, [Some(left[0]), Some(left[1]), None]);
 }
 
 #[test]
@@ -249,6 +274,20 @@ fn a_shaft_that_is_held_fast_for_six_seconds_is_a_stall() {
         let [current, duty, _] = record.values;
         assert!((2000..2200).contains(&current) && duty > 16_000, "{record:?}");
         off_until_cleared_and_then_runs_again(&mut bench, 0, clear);
+    }
+}
+
+#[test]
+fn a_shaft_that_is_held_fast_at_all_the_drive_there_is_is_a_stall_either_way() {
+    for (target, full) in [(i16::MAX, 16_384), (-i16::MAX, -16_384)] {
+        let mut bench = Bench::new();
+        change(&bench, |all| all.jam[0] = Some(true));
+        bench.drive(Quantity::Velocity, 0, target, 0);
+        bench.run_alive_ms(500);
+        assert_eq!(bench.bridge(0), (full, true));
+        let off = 500 + until_off(&mut bench, 0, 8000);
+        assert!((6000..=6050).contains(&off), "{target}: {off}");
+        assert_eq!(latched(&bench), [(Fault::Stall, Some(0))]);
     }
 }
 
@@ -632,6 +671,28 @@ fn soft_limits_hold_a_shaft_and_let_it_come_back() {
         assert!(enabled && duty.abs() < 500, "held back, not off: {duty}");
     }
     assert_eq!(latched(&bench), []);
+}
+
+#[test]
+fn a_shaft_that_stands_before_a_soft_limit_with_the_drive_that_is_left_is_no_stall() {
+    let mut settings = Settings::DEFAULT;
+    settings.control.soft_limits[0] = SoftLimits { low: 1000, high: 9000 };
+    let scene_at = |start| {
+        let mut scene = Scene::default();
+        scene.motors[0] = MotorScene { start, ..MotorScene::with(ShaftSensor::Encoder) };
+        scene
+    };
+    // Held fast 50 counts before the limit, where some of the drive is left, it draws the current of that.
+    for (start, pwm, way) in [(8950, 32_767, 1), (1050, 1, -1)] {
+        let mut bench = Bench::with(Make { scene: scene_at(start), settings, ..Make::default() });
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        change(&bench, |all| all.jam[0] = Some(true));
+        bench.drive(Quantity::Pwm, 0, pwm, 0);
+        bench.run_alive_ms(20_000);
+        let (duty, enabled) = bench.bridge(0);
+        assert!(enabled && (4000..12_000).contains(&(duty * way)), "{duty}");
+        assert_eq!(latched(&bench), []);
+    }
 }
 
 #[test]
