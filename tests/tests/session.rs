@@ -11,7 +11,7 @@ use firmware::personality::{MAX_FRAME, Session};
 use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
-use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
+use protocol::pms5005::{ACK, Command, Frame, Quantity, Repeat, Report, Reports, did};
 use tests::Link::Silent;
 use tests::{At, Bench, Received};
 
@@ -260,6 +260,14 @@ fn a_session_without_a_board_answers_at_the_time_it_is_told() {
     while session.transmit(late, &At(Snapshot::BOOT), &mut out).is_some() {}
     let counters = session.counters();
     assert_eq!((counters.telemetry_sent, counters.telemetry_skipped), (6, 6));
+    assert_eq!(session.sends_at(), at(250));
+
+    // An acknowledgement is due at once.
+    let (mut ping, now) = ([0; 10], at(230));
+    let mut bytes: &[u8] = Command::Ping.encode(0, &mut ping).unwrap();
+    assert_eq!(session.receive(&mut bytes, now), None);
+    assert!(session.sends_at() <= now);
+    assert_eq!(session.transmit(now, &At(Snapshot::BOOT), &mut out), Some(&ACK[..]));
     assert_eq!(session.sends_at(), at(250));
 }
 
