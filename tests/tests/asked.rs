@@ -210,6 +210,19 @@ fn a_gain_of_0_has_no_part() {
 }
 
 #[test]
+fn a_setting_of_another_matter_leaves_what_an_integral_has_gathered() {
+    // All of the load's drive is the integral's, and half of the speed's.
+    let mut bench = with(MotorScene { load: 0.2, ..wheel() }, Settings::DEFAULT);
+    bench.drive(Quantity::Velocity, 0, 4000, 0);
+    bench.run_alive_ms(2000);
+    bench.send_raw(7, &assign(&[(32, 40)])); // the telemetry's period
+    bench.run_alive_with(500, |bench| {
+        let speed = bench.velocity(0);
+        assert!((3900.0..4100.0).contains(&speed), "{speed}");
+    });
+}
+
+#[test]
 fn a_wheel_that_is_slower_or_faster_than_the_setting_overshoots_by_a_quarter_at_most() {
     for factor in [0.3, 0.5, 1.0, 2.0, 3.0, 4.0] {
         for speed in [200, 1000, 4000, 12_000] {

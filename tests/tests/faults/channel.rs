@@ -98,6 +98,22 @@ fn an_overload_is_limited_to_the_continuous_current_and_is_no_fault() {
 }
 
 #[test]
+fn what_an_overload_has_taken_is_given_back_when_the_current_falls_however_hot_the_motor_is() {
+    let mut bench = Bench::new();
+    let is_limited =
+        |bench: &Bench| bench.board.snapshot().channels[0].reason == Some(Reason::Overload);
+    turns_and_draws(&mut bench, 2100);
+    bench.until(Alive, 30_000, is_limited);
+    bench.run_alive_ms(500);
+    let taken = 16_383 - bench.bridge(0).0;
+    assert!((800..1500).contains(&taken), "{taken}");
+    // Four fifths of the continuous current: as hot as it is, the motor needs seconds to cool.
+    change(&bench, |all| all.currents[0] = Some(1456));
+    let back = bench.until(Alive, 5000, |bench| bench.bridge(0).0 == 16_383);
+    assert!(back < 700, "{back}");
+}
+
+#[test]
 fn a_current_that_does_not_follow_its_drive_is_an_overload() {
     for clear in WAYS {
         let mut bench = Bench::new();
@@ -172,6 +188,13 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     bench.run_alive_ms(50);
     assert_eq!(latched(&bench), both[1..]);
     assert_eq!(first_record(&mut bench).fault, Fault::CurrentSensor);
+    // A shaft that nobody measures may turn: what it makes then says nothing of the input.
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Pwm, 0, 16_384, 0);
+    bench.run_alive_ms(10);
+    change(&bench, |all| all.currents[0] = Some(1000));
+    bench.run_alive_ms(5000);
+    assert_eq!((latched(&bench), is_none(&bench)), (vec![], false));
     // Near zero is no current, and neither is what a shaft that is stopped makes while it turns.
     let mut bench = Bench::new();
     change(&bench, |all| all.currents[0] = Some(181));
@@ -527,6 +550,17 @@ fn an_encoder_that_is_pulled_is_missed_at_any_speed() {
         assert!((2000..=2300).contains(&off), "{error}: {off}");
         assert_eq!(latched(&bench), [(Fault::SensorLost, Some(0))]);
     }
+}
+
+#[test]
+fn an_encoder_that_is_pulled_is_missed_however_often_the_drive_turns_round() {
+    let mut bench = Bench::new();
+    change(&bench, |all| all.encoders[0] = Some(0));
+    for k in 0..20 {
+        bench.drive(Quantity::Velocity, 0, if k % 2 == 0 { 8000 } else { -8000 }, 0);
+        bench.run_alive_ms(300);
+    }
+    assert_eq!(latched(&bench), [(Fault::SensorLost, Some(0))]);
 }
 
 #[test]
