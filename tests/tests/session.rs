@@ -286,6 +286,27 @@ fn an_encoder_that_counts_wildly_is_reported_at_the_end_of_the_scale() {
 }
 
 #[test]
+fn reports_that_were_due_together_tell_of_one_moment_unless_that_is_a_period_ago() {
+    let at = Instant::from_millis;
+    let moment = |value: u16| {
+        let mut snapshot = Snapshot::BOOT;
+        (snapshot.sensors.custom_ad[0], snapshot.sensors.temperature) = (value, value);
+        At(snapshot)
+    };
+    let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), at(0));
+    let mut report = |now, board: &At| {
+        let mut out = [0; MAX_FRAME];
+        let frame = Frame::parse(session.transmit(now, board, &mut out).unwrap()).unwrap();
+        Report::parse(frame.did, frame.data).unwrap()
+    };
+    assert!(matches!(report(at(50), &moment(1)), Report::Motors(_)));
+    let Report::CustomIo(custom) = report(at(53), &moment(2)) else { panic!("its turn") };
+    assert_eq!(custom.custom_ad[0], 1);
+    let Report::Sensors(sensors) = report(at(101), &moment(3)) else { panic!("its turn") };
+    assert_eq!(sensors.temperature, 3, "the line was blocked for 48 ms");
+}
+
+#[test]
 fn what_one_frame_has_asked_for_is_told_of_one_moment() {
     let mut bench = Bench::quiet();
     let potentiometer = |bench: &Bench, value| {

@@ -343,6 +343,21 @@ fn a_channel_that_trips_three_times_in_a_minute_waits_for_a_resume() {
 }
 
 #[test]
+fn a_boards_latch_must_have_stood_for_a_second_too() {
+    let mut bench = bench();
+    set_going(&mut bench, Motion::Pwm);
+    stop(&mut bench, Stop::Fault);
+    bench.run_alive_ms(800);
+    all_six(&mut bench, Quantity::Pwm, 16_384);
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench), "too soon");
+    bench.run_alive_ms(200);
+    all_six(&mut bench, Quantity::Pwm, 16_384);
+    bench.run_alive_ms(50);
+    assert!(!is_latched(&bench));
+}
+
+#[test]
 fn a_boards_latch_is_cleared_when_its_cause_has_gone_and_every_channel_is_stopped() {
     let mut bench = bench();
     bench.run_alive_ms(100);
