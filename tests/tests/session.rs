@@ -231,6 +231,18 @@ fn commands_faster_than_acknowledgements_lose_those_and_nothing_else() {
 }
 
 #[test]
+fn as_many_acknowledgements_wait_as_the_page_of_the_wire_says() {
+    let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
+    let mut ping = [0; 10];
+    let ping = Command::Ping.encode(0, &mut ping).unwrap();
+    let mut send = || session.receive(&mut &ping[..], Instant::MIN);
+    assert!((0..1152).all(|_| send().is_none()));
+    assert_eq!(session.counters().acks_dropped, 0);
+    session.receive(&mut &ping[..], Instant::MIN);
+    assert_eq!(session.counters().acks_dropped, 1);
+}
+
+#[test]
 fn on_a_line_without_a_speed_limit_a_thousand_commands_at_once_are_all_acknowledged() {
     let mut bench = Bench::with(Make { line_rate: 0, ..Make::default() });
     for n in 0..1000 {

@@ -409,6 +409,25 @@ fn a_shaft_that_runs_away_from_its_set_point_is_a_tracking_error() {
 }
 
 #[test]
+fn a_load_that_falls_twice_as_fast_as_it_is_let_down_is_a_tracking_error() {
+    let mut scene = Scene::default();
+    scene.motors[0] = MotorScene { load: 0.9, ..MotorScene::with(ShaftSensor::Encoder) };
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 0, 0);
+    bench.run_alive_ms(1000);
+    // At half of the voltage full drive no longer holds it: it falls with 6500 counts/s.
+    change(&bench, |all| all.battery_v[1] = Some(6.0));
+    bench.drive(Quantity::Position, 0, 20_768, 4000); // 12,000 down
+    let start = bench.position(0);
+    until_off(&mut bench, 0, 4000);
+    let way = start - bench.position(0);
+    assert_eq!(latched(&bench), [(Fault::TrackingError, Some(0))]);
+    // What it comes in 150 ms at full speed, and not as far again.
+    assert!((2457..=3277).contains(&way), "{way} counts");
+}
+
+#[test]
 fn a_joint_with_its_potentiometer_the_wrong_way_round_is_a_tracking_error() {
     // It has half its track to go: 0.2 s at full speed are 819 counts of 2048.
     let mut scene = Scene::default();
