@@ -101,6 +101,23 @@ fn a_joint_that_must_first_lift_its_load_gets_there() {
 }
 
 #[test]
+fn a_joint_that_its_load_holds_off_keeps_the_time_of_a_move_with_it_and_against_it() {
+    // It sags by 118 counts, one way or the other: more than a free shaft may be behind.
+    for (load, way) in [(0.18, 1000), (0.18, -1000), (-0.18, 1000), (-0.18, -1000)] {
+        let motor = MotorScene { load, ..MotorScene::with(ShaftSensor::Potentiometer) };
+        let mut bench = with(motor, Settings::DEFAULT);
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::SinglePotentiometer)]);
+        bench.drive(Quantity::Position, 0, 2048, 0);
+        bench.run_alive_ms(2000);
+        let start = bench.position(0);
+        bench.drive(Quantity::Position, 0, 2048 + way, 2000);
+        bench.run_alive_ms(2150);
+        let short = i64::from(way) - (bench.position(0) - start);
+        assert!(short.abs() <= 30, "{load}, {way}: {short} short");
+    }
+}
+
+#[test]
 fn a_timed_move_that_nothing_holds_back_keeps_its_time_whatever_its_rate() {
     for (way, periods) in [(200, 1000), (2000, 1000), (8000, 1000), (12_000, 1000)] {
         let mut bench = Bench::new();
@@ -193,6 +210,19 @@ fn a_gain_of_0_has_no_part() {
 }
 
 #[test]
+fn a_setting_of_another_matter_leaves_what_an_integral_has_gathered() {
+    // All of the load's drive is the integral's, and half of the speed's.
+    let mut bench = with(MotorScene { load: 0.2, ..wheel() }, Settings::DEFAULT);
+    bench.drive(Quantity::Velocity, 0, 4000, 0);
+    bench.run_alive_ms(2000);
+    bench.send_raw(7, &assign(&[(32, 40)])); // the telemetry's period
+    bench.run_alive_with(500, |bench| {
+        let speed = bench.velocity(0);
+        assert!((3900.0..4100.0).contains(&speed), "{speed}");
+    });
+}
+
+#[test]
 fn a_wheel_that_is_slower_or_faster_than_the_setting_overshoots_by_a_quarter_at_most() {
     for factor in [0.3, 0.5, 1.0, 2.0, 3.0, 4.0] {
         for speed in [200, 1000, 4000, 12_000] {
@@ -269,13 +299,17 @@ fn a_slew_limit_holds_back_what_drives_and_nothing_that_stops() {
     let mut bench = running();
     change(&bench, |all| all.overheat[0] = Some(1000));
     bench.until(Alive, 1200, |bench| bench.bridge(0) == (0, false));
-    // A velocity of 0 brakes with all it has.
-    let mut bench = slewed();
-    bench.drive(Quantity::Velocity, 0, 8000, 0);
-    bench.run_alive_ms(2000);
-    bench.drive(Quantity::Velocity, 0, 0, 0);
-    bench.run_alive_ms(300);
-    assert!(bench.velocity(0).abs() < 400.0, "{}", bench.velocity(0));
+    // A velocity of 0 brakes with all it has: in neutral the wheel takes 125 ms.
+    for speed in [8000, -8000] {
+        let mut bench = slewed();
+        bench.drive(Quantity::Velocity, 0, speed, 0);
+        bench.run_alive_ms(2000);
+        bench.drive(Quantity::Velocity, 0, 0, 0);
+        let slow = bench.until(Alive, 300, |bench| bench.velocity(0).abs() < 1000.0);
+        assert!(slow < 70, "{speed}: {slow} ms");
+        bench.run_alive_ms(300 - slow);
+        assert!(bench.velocity(0).abs() < 400.0, "{}", bench.velocity(0));
+    }
 }
 
 #[test]
@@ -494,6 +528,28 @@ fn an_acceleration_limit_changes_no_rule_of_silence_and_needs_no_full_speed() {
     bench.drive(Quantity::Position, 0, 1000, 0);
     bench.run_alive_ms(3000);
     assert!((bench.position(0) - 1000).abs() <= 20, "{}", bench.position(0));
+}
+
+#[test]
+fn an_accelerated_move_keeps_its_time_without_its_host_and_its_rate_after_a_suspension() {
+    // 2000 counts/s, half a second up and half a second down.
+    let under_way = || {
+        let mut bench = held(|channel| channel.acceleration = 4000);
+        bench.drive(Quantity::Position, 0, 12_000, 6000);
+        bench
+    };
+    let mut bench = under_way();
+    bench.run_ms(7000);
+    assert!((bench.position(0) - 12_000).abs() <= 20, "{}", bench.position(0));
+
+    let mut bench = under_way();
+    bench.run_alive_ms(2000);
+    bench.send(Command::Run { scope: Scope::All, run: false });
+    bench.run_alive_ms(500);
+    bench.send(Command::Run { scope: Scope::All, run: true });
+    let rate = peak(&mut bench, 6000);
+    assert!((1950.0..=2300.0).contains(&rate), "{rate} counts/s");
+    assert!((bench.position(0) - 12_000).abs() <= 20, "{}", bench.position(0));
 }
 
 #[test]

@@ -524,6 +524,20 @@ fn gains_sensor_method_and_polarity_are_settings_that_outlive_a_restart() {
 }
 
 #[test]
+fn the_two_bytes_of_ki_are_read_as_the_setting_says() {
+    // 3 and 128: 3 + 128/100, 3 + 128/256, and 0x8003 hundredths.
+    for (reading, hundredths) in [(0, 428), (1, 350), (2, 0x8003)] {
+        let mut bench = Bench::quiet();
+        assert_eq!(bench.set(&[(2, reading)]).0, Verdict::Done);
+        let ki = Gain::Integral { integer: 3, fraction: 128 };
+        bench.configure(&[Parameter::Gain(Channel::ALL[1], Loop::Position, ki)]);
+        bench.run_ms(20);
+        bench.received();
+        assert_eq!(bench.value(220), hundredths, "reading {reading}");
+    }
+}
+
+#[test]
 fn what_an_old_host_configures_is_in_force_and_stored_only_if_a_save_follows() {
     let flash = Flash::empty();
     let wheel = Channel::ALL[1];

@@ -252,6 +252,49 @@ fn a_ramp_that_is_slower_than_the_slew_time_is_not_held_back_by_it() {
 }
 
 #[test]
+fn a_position_says_why_it_is_not_reached_and_a_load_that_is_held_is_no_reason() {
+    // A share of the drive for each count: at 0.1 of it 66 counts off, and no more to be had.
+    for (target, reason) in
+        [(1000, Reason::HighestDuty), (-1000, Reason::HighestDuty), (100, Reason::None)]
+    {
+        let mut bench = with_encoder();
+        assert_eq!(bench.set(&[(52, 0), (182, 1638)]).0, Verdict::Done);
+        change(&bench, |all| all.jam[0] = Some(true));
+        bench.drive(Quantity::Position, 0, target & i16::MAX, 0);
+        bench.run_alive_ms(200);
+        assert_eq!(why(&mut bench).0, reason, "{target}");
+    }
+}
+
+#[test]
+fn a_channel_that_is_resumed_under_a_fault_stays_off_and_is_not_suspended_behind_it() {
+    let mut bench = with_encoder();
+    bench.drive(Quantity::Velocity, 0, 4000, 0);
+    bench.run_alive_ms(200);
+    run(&mut bench, Scope::All, false);
+    change(&bench, |all| all.overheat[0] = Some(1000));
+    bench.run_alive_ms(1200);
+    run(&mut bench, Scope::All, true);
+    assert_eq!(why(&mut bench), (Reason::Fault, Fault::DriverTooHot.number()));
+    change(&bench, |all| all.overheat[0] = None);
+    bench.run_alive_ms(1200);
+    assert_eq!(bench.act(Action::ClearFaults), Verdict::Done);
+    bench.run_alive_ms(100);
+    assert_eq!((why(&mut bench), bench.bridge(0)), ((Reason::None, 0), (0, false)));
+}
+
+#[test]
+fn a_loop_that_takes_over_from_another_is_not_held_back_meanwhile() {
+    for speed in [2000, -2000] {
+        let mut bench = with_encoder();
+        bench.drive(Quantity::Pwm, 0, 16_384 + 8000, 0);
+        bench.run_alive_ms(500);
+        bench.drive(Quantity::Velocity, 0, speed, 0);
+        assert_eq!(with_a_reason(&mut bench, 300), 0, "{speed}");
+    }
+}
+
+#[test]
 fn a_target_beyond_a_soft_limit_says_so() {
     let mut bench = with_encoder();
     assert_eq!(bench.set_count(0, 1500), Verdict::Done);
@@ -479,8 +522,10 @@ fn what_is_refused_is_counted_by_reason() {
 
 #[test]
 fn a_velocity_that_full_drive_does_not_reach_is_no_slew() {
-    let mut bench = Bench::quiet();
-    bench.drive(Quantity::Velocity, 0, FULL, 0);
-    bench.run_alive_ms(1000);
-    assert_eq!(why(&mut bench), (Reason::FullDrive, 0));
+    for target in [FULL, -FULL] {
+        let mut bench = Bench::quiet();
+        bench.drive(Quantity::Velocity, 0, target, 0);
+        bench.run_alive_ms(1000);
+        assert_eq!(why(&mut bench), (Reason::FullDrive, 0));
+    }
 }

@@ -307,9 +307,14 @@ fn who_only_watches_keeps_nothing_running() {
 
 /// A wheel on a move of 12,000 counts in `periods`, whose host says nothing any more.
 fn left_on_a_move(periods: u16, settings: Settings) -> Bench {
+    left_on_a_move_to(12_000, periods, settings)
+}
+
+/// The same, to where its target says.
+fn left_on_a_move_to(target: i16, periods: u16, settings: Settings) -> Bench {
     let mut bench = Bench::with(Make { settings, ..Make::default() });
     position_by_encoder(&mut bench);
-    bench.drive(Quantity::Position, 0, 12_000, periods);
+    bench.drive(Quantity::Position, 0, target, periods);
     bench
 }
 
@@ -361,6 +366,31 @@ fn what_holds_a_timed_move_of_a_silent_host_back_ends_it() {
     bench.send(Command::Run { scope: Scope::All, run: true });
     bench.run_alive_ms(6000);
     assert_eq!((bench.position(0), bench.bridge(0)), (at, (0, false)));
+}
+
+#[test]
+fn a_limit_ends_a_timed_move_of_a_silent_host_either_way_if_the_drive_comes_to_it() {
+    // 12,000 counts forward, and as many back.
+    for (target, way) in [(12_000, 12_000), (20_768, -12_000)] {
+        let too_much = |bench: &mut Bench, ms| {
+            bench.board.plant.borrow_mut().overrides.currents[0] = Some(3700);
+            bench.run_ms(ms);
+            bench.board.plant.borrow_mut().overrides.currents[0] = None;
+        };
+        let mut bench = left_on_a_move_to(target, 8000, Settings::DEFAULT);
+        bench.run_ms(3000);
+        too_much(&mut bench, 500);
+        let at = bench.position(0);
+        bench.run_ms(7000);
+        assert!((bench.position(0) - at).abs() <= 140, "from {at} to {}", bench.position(0));
+
+        // A quarter of the drive is taken, and given back: the move needs less than is left.
+        let mut bench = left_on_a_move_to(target, 8000, Settings::DEFAULT);
+        bench.run_ms(3000);
+        too_much(&mut bench, 30);
+        bench.run_ms(7000);
+        assert!((bench.position(0) - way).abs() <= 20, "{way}: {}", bench.position(0));
+    }
 }
 
 #[test]

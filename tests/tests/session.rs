@@ -11,7 +11,7 @@ use firmware::personality::{MAX_FRAME, Session};
 use firmware::settings::Settings;
 use firmware::units::CountsPerSecond;
 use hal_mock::board::Make;
-use protocol::pms5005::{Command, Frame, Quantity, Repeat, Report, Reports, did};
+use protocol::pms5005::{ACK, Command, Frame, Quantity, Repeat, Report, Reports, did};
 use tests::Link::Silent;
 use tests::{At, Bench, Received};
 
@@ -231,6 +231,18 @@ fn commands_faster_than_acknowledgements_lose_those_and_nothing_else() {
 }
 
 #[test]
+fn as_many_acknowledgements_wait_as_the_page_of_the_wire_says() {
+    let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), Instant::MIN);
+    let mut ping = [0; 10];
+    let ping = Command::Ping.encode(0, &mut ping).unwrap();
+    let mut send = || session.receive(&mut &ping[..], Instant::MIN);
+    assert!((0..1152).all(|_| send().is_none()));
+    assert_eq!(session.counters().acks_dropped, 0);
+    session.receive(&mut &ping[..], Instant::MIN);
+    assert_eq!(session.counters().acks_dropped, 1);
+}
+
+#[test]
 fn on_a_line_without_a_speed_limit_a_thousand_commands_at_once_are_all_acknowledged() {
     let mut bench = Bench::with(Make { line_rate: 0, ..Make::default() });
     for n in 0..1000 {
@@ -261,6 +273,14 @@ fn a_session_without_a_board_answers_at_the_time_it_is_told() {
     let counters = session.counters();
     assert_eq!((counters.telemetry_sent, counters.telemetry_skipped), (6, 6));
     assert_eq!(session.sends_at(), at(250));
+
+    // An acknowledgement is due at once.
+    let (mut ping, now) = ([0; 10], at(230));
+    let mut bytes: &[u8] = Command::Ping.encode(0, &mut ping).unwrap();
+    assert_eq!(session.receive(&mut bytes, now), None);
+    assert!(session.sends_at() <= now);
+    assert_eq!(session.transmit(now, &At(Snapshot::BOOT), &mut out), Some(&ACK[..]));
+    assert_eq!(session.sends_at(), at(250));
 }
 
 #[test]
@@ -275,6 +295,27 @@ fn an_encoder_that_counts_wildly_is_reported_at_the_end_of_the_scale() {
         let Some(Report::Motors(report)) = Report::parse(frame.did, frame.data) else { panic!() };
         assert_eq!((report.encoders[0].speed, report.encoders[0].positive), (32_767, positive));
     }
+}
+
+#[test]
+fn reports_that_were_due_together_tell_of_one_moment_unless_that_is_a_period_ago() {
+    let at = Instant::from_millis;
+    let moment = |value: u16| {
+        let mut snapshot = Snapshot::BOOT;
+        (snapshot.sensors.custom_ad[0], snapshot.sensors.temperature) = (value, value);
+        At(snapshot)
+    };
+    let mut session = Pms5005::new(Settings::DEFAULT, Boot::default(), at(0));
+    let mut report = |now, board: &At| {
+        let mut out = [0; MAX_FRAME];
+        let frame = Frame::parse(session.transmit(now, board, &mut out).unwrap()).unwrap();
+        Report::parse(frame.did, frame.data).unwrap()
+    };
+    assert!(matches!(report(at(50), &moment(1)), Report::Motors(_)));
+    let Report::CustomIo(custom) = report(at(53), &moment(2)) else { panic!("its turn") };
+    assert_eq!(custom.custom_ad[0], 1);
+    let Report::Sensors(sensors) = report(at(101), &moment(3)) else { panic!("its turn") };
+    assert_eq!(sensors.temperature, 3, "the line was blocked for 48 ms");
 }
 
 #[test]

@@ -343,8 +343,25 @@ fn a_channel_that_trips_three_times_in_a_minute_waits_for_a_resume() {
 }
 
 #[test]
+fn a_boards_latch_must_have_stood_for_a_second_too() {
+    let mut bench = bench();
+    set_going(&mut bench, Motion::Pwm);
+    stop(&mut bench, Stop::Fault);
+    bench.run_alive_ms(800);
+    all_six(&mut bench, Quantity::Pwm, 16_384);
+    bench.run_alive_ms(50);
+    assert!(is_latched(&bench), "too soon");
+    bench.run_alive_ms(200);
+    all_six(&mut bench, Quantity::Pwm, 16_384);
+    bench.run_alive_ms(50);
+    assert!(!is_latched(&bench));
+}
+
+#[test]
 fn a_boards_latch_is_cleared_when_its_cause_has_gone_and_every_channel_is_stopped() {
     let mut bench = bench();
+    bench.run_alive_ms(100);
+    bench.run_ms(2100); // a host that was silent, which stops nothing
     set_going(&mut bench, Motion::Pwm);
     stop(&mut bench, Stop::Fault);
     bench.run_alive_ms(2000);
@@ -372,6 +389,9 @@ fn a_boards_latch_is_cleared_when_its_cause_has_gone_and_every_channel_is_stoppe
     all_six(&mut bench, Quantity::Pwm, 16_384);
     bench.run_alive_ms(50);
     assert!(!is_latched(&bench));
+    let left = bench.board.snapshot().shown_fault;
+    let silence = left.record.map(|record| record.fault);
+    assert_eq!((left.total, silence), (1, Some(firmware::safety::faults::Fault::LinkLoss)));
     bench.drive(Quantity::Pwm, WHEEL, 16_384 + 8000, 0);
     bench.run_alive_ms(50);
     assert_eq!(bench.bridge(WHEEL), (8000, true));

@@ -414,13 +414,12 @@ impl Controller {
                     if scope == Scope::All || scope == Scope::Motor(channel) {
                         let reading = self.reading(channel);
                         let axis = &mut self.axes[channel.index()];
-                        match run {
-                            true if latched.stops_motor(channel) => {}
-                            true => axis.resume(reading),
-                            false => {
-                                axis.suspend();
-                                self.stopped_by_host(channel, motion);
-                            }
+                        // What a fault has stopped is not paused: to resume it moves nothing.
+                        if run {
+                            axis.resume(reading);
+                        } else {
+                            axis.suspend();
+                            self.stopped_by_host(channel, motion);
                         }
                     }
                     if scope == Scope::All || scope == Scope::Servo(channel) {

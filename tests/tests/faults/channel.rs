@@ -98,6 +98,22 @@ fn an_overload_is_limited_to_the_continuous_current_and_is_no_fault() {
 }
 
 #[test]
+fn what_an_overload_has_taken_is_given_back_when_the_current_falls_however_hot_the_motor_is() {
+    let mut bench = Bench::new();
+    let is_limited =
+        |bench: &Bench| bench.board.snapshot().channels[0].reason == Some(Reason::Overload);
+    turns_and_draws(&mut bench, 2100);
+    bench.until(Alive, 30_000, is_limited);
+    bench.run_alive_ms(500);
+    let taken = 16_383 - bench.bridge(0).0;
+    assert!((800..1500).contains(&taken), "{taken}");
+    // Four fifths of the continuous current: as hot as it is, the motor needs seconds to cool.
+    change(&bench, |all| all.currents[0] = Some(1456));
+    let back = bench.until(Alive, 5000, |bench| bench.bridge(0).0 == 16_383);
+    assert!(back < 700, "{back}");
+}
+
+#[test]
 fn a_current_that_does_not_follow_its_drive_is_an_overload() {
     for clear in WAYS {
         let mut bench = Bench::new();
@@ -140,6 +156,13 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     by_clearing(&mut bench);
     bench.run_alive_ms(5000);
     assert_eq!((latched(&bench), is_none(&bench)), (vec![], true));
+    // Nor does it count, or is it told again, because the bridge goes off or another sensor is chosen.
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.run_alive_with(100, |bench| assert!(is_none(bench)));
+    bench.send(Command::Run { scope: Scope::Motor(WHEEL), run: false });
+    bench.run_alive_with(1000, |bench| assert!(is_none(bench)));
+    assert_eq!(latched(&bench), []);
+    bench.drive(Quantity::Pwm, 0, 32_767, 0);
     // Over-current is limited whatever the input is worth.
     change(&bench, |all| all.currents[0] = Some(4000));
     bench.run_alive_ms(200);
@@ -165,6 +188,13 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     bench.run_alive_ms(50);
     assert_eq!(latched(&bench), both[1..]);
     assert_eq!(first_record(&mut bench).fault, Fault::CurrentSensor);
+    // A shaft that nobody measures may turn: what it makes then says nothing of the input.
+    let mut bench = Bench::new();
+    bench.drive(Quantity::Pwm, 0, 16_384, 0);
+    bench.run_alive_ms(10);
+    change(&bench, |all| all.currents[0] = Some(1000));
+    bench.run_alive_ms(5000);
+    assert_eq!((latched(&bench), is_none(&bench)), (vec![], false));
     // Near zero is no current, and neither is what a shaft that is stopped makes while it turns.
     let mut bench = Bench::new();
     change(&bench, |all| all.currents[0] = Some(181));
@@ -176,6 +206,24 @@ fn a_current_input_that_floats_is_on_record_and_counts_as_none() {
     bench.drive(Quantity::Pwm, 0, 16_384, 0);
     bench.run_alive_ms(5000);
     assert_eq!((latched(&bench), is_none(&bench)), (vec![], false));
+}
+
+#[test]
+fn a_channel_that_is_resumed_leaves_all_others_records_and_what_stopped_nothing() {
+    let mut bench = Bench::new();
+    change(&bench, |all| all.currents[0] = Some(2048));
+    bench.run_alive_ms(600); // an input that floats
+    bench.drive(Quantity::Pwm, 0, 32_767, 0);
+    bench.drive(Quantity::Pwm, 1, 32_767, 0);
+    change(&bench, |all| (all.currents[0], all.currents[1]) = (Some(4000), Some(4000)));
+    bench.run_alive_ms(2100);
+    by_resuming_the_wheel(&mut bench);
+    bench.run_alive_ms(50);
+    let left = [(Fault::CurrentSensor, Some(0)), (Fault::OverCurrent, Some(1))];
+    assert_eq!(latched(&bench), left);
+    let records = [0, 1, 2].map(|place| bench.fault(place).record);
+    let records = records.map(|record| record.map(|of| (of.fault, of.channel)));
+    assert_eq!(records, [Some(left[0]), Some(left[1]), None]);
 }
 
 #[test]
@@ -249,6 +297,20 @@ fn a_shaft_that_is_held_fast_for_six_seconds_is_a_stall() {
         let [current, duty, _] = record.values;
         assert!((2000..2200).contains(&current) && duty > 16_000, "{record:?}");
         off_until_cleared_and_then_runs_again(&mut bench, 0, clear);
+    }
+}
+
+#[test]
+fn a_shaft_that_is_held_fast_at_all_the_drive_there_is_is_a_stall_either_way() {
+    for (target, full) in [(i16::MAX, 16_384), (-i16::MAX, -16_384)] {
+        let mut bench = Bench::new();
+        change(&bench, |all| all.jam[0] = Some(true));
+        bench.drive(Quantity::Velocity, 0, target, 0);
+        bench.run_alive_ms(500);
+        assert_eq!(bench.bridge(0), (full, true));
+        let off = 500 + until_off(&mut bench, 0, 8000);
+        assert!((6000..=6050).contains(&off), "{target}: {off}");
+        assert_eq!(latched(&bench), [(Fault::Stall, Some(0))]);
     }
 }
 
@@ -344,6 +406,25 @@ fn a_shaft_that_runs_away_from_its_set_point_is_a_tracking_error() {
         assert_eq!(latched(&bench), [(Fault::TrackingError, Some(0))], "{quantity:?}");
         assert!(farthest <= 8192, "{quantity:?}: {farthest} counts");
     }
+}
+
+#[test]
+fn a_load_that_falls_twice_as_fast_as_it_is_let_down_is_a_tracking_error() {
+    let mut scene = Scene::default();
+    scene.motors[0] = MotorScene { load: 0.9, ..MotorScene::with(ShaftSensor::Encoder) };
+    let mut bench = Bench::with(Make { scene, ..Make::default() });
+    bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+    bench.drive(Quantity::Position, 0, 0, 0);
+    bench.run_alive_ms(1000);
+    // At half of the voltage full drive no longer holds it: it falls with 6500 counts/s.
+    change(&bench, |all| all.battery_v[1] = Some(6.0));
+    bench.drive(Quantity::Position, 0, 20_768, 4000); // 12,000 down
+    let start = bench.position(0);
+    until_off(&mut bench, 0, 4000);
+    let way = start - bench.position(0);
+    assert_eq!(latched(&bench), [(Fault::TrackingError, Some(0))]);
+    // What it comes in 150 ms at full speed, and not as far again.
+    assert!((2457..=3277).contains(&way), "{way} counts");
 }
 
 #[test]
@@ -491,6 +572,17 @@ fn an_encoder_that_is_pulled_is_missed_at_any_speed() {
 }
 
 #[test]
+fn an_encoder_that_is_pulled_is_missed_however_often_the_drive_turns_round() {
+    let mut bench = Bench::new();
+    change(&bench, |all| all.encoders[0] = Some(0));
+    for k in 0..20 {
+        bench.drive(Quantity::Velocity, 0, if k % 2 == 0 { 8000 } else { -8000 }, 0);
+        bench.run_alive_ms(300);
+    }
+    assert_eq!(latched(&bench), [(Fault::SensorLost, Some(0))]);
+}
+
+#[test]
 fn a_loop_that_takes_over_from_pwm_has_its_time_to_see_motion() {
     let mut bench = Bench::new();
     bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
@@ -632,6 +724,28 @@ fn soft_limits_hold_a_shaft_and_let_it_come_back() {
         assert!(enabled && duty.abs() < 500, "held back, not off: {duty}");
     }
     assert_eq!(latched(&bench), []);
+}
+
+#[test]
+fn a_shaft_that_stands_before_a_soft_limit_with_the_drive_that_is_left_is_no_stall() {
+    let mut settings = Settings::DEFAULT;
+    settings.control.soft_limits[0] = SoftLimits { low: 1000, high: 9000 };
+    let scene_at = |start| {
+        let mut scene = Scene::default();
+        scene.motors[0] = MotorScene { start, ..MotorScene::with(ShaftSensor::Encoder) };
+        scene
+    };
+    // Held fast 50 counts before the limit, where some of the drive is left, it draws the current of that.
+    for (start, pwm, way) in [(8950, 32_767, 1), (1050, 1, -1)] {
+        let mut bench = Bench::with(Make { scene: scene_at(start), settings, ..Make::default() });
+        bench.configure(&[Parameter::Sensor(WHEEL, Sensor::Encoder)]);
+        change(&bench, |all| all.jam[0] = Some(true));
+        bench.drive(Quantity::Pwm, 0, pwm, 0);
+        bench.run_alive_ms(20_000);
+        let (duty, enabled) = bench.bridge(0);
+        assert!(enabled && (4000..12_000).contains(&(duty * way)), "{duty}");
+        assert_eq!(latched(&bench), []);
+    }
 }
 
 #[test]

@@ -595,7 +595,8 @@ impl Axis {
         let a_second =
             i64::from(PERIODS_PER_SECOND).saturating_mul(i64::from(way).saturating_abs());
         match self.method {
-            Method::Velocity if most > 0 => {
+            Method::Velocity => {
+                // Without a limit, none.
                 let least = a_second.checked_div(most).unwrap_or(0);
                 let least = u16::try_from(least).unwrap_or(u16::MAX);
                 Course::Ramp(Ramp::new(way, periods.max(least)))
@@ -607,9 +608,7 @@ impl Axis {
                 };
                 Course::Profile(Profile::new(way, saturate(slope), most, &self.course))
             }
-            Method::Pwm | Method::Velocity | Method::Position => {
-                Course::Ramp(Ramp::new(way, periods))
-            }
+            Method::Pwm | Method::Position => Course::Ramp(Ramp::new(way, periods)),
         }
     }
 

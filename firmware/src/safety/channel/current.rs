@@ -107,7 +107,7 @@ impl Overload {
     /// A period without current. A motor that is cold stays cold; what it drew of late counts for one
     /// that is hot.
     pub(super) fn cool(&mut self, settings: &ChannelFaultSettings) {
-        if self.heat > 0 || self.sum > 0 {
+        if self.heat > 0 {
             let _ = self.step(0, Duty::NEUTRAL, settings);
         }
     }
