@@ -33,6 +33,7 @@ pub mod foreign;
 pub mod host;
 pub mod pms5005;
 pub mod timeline;
+pub mod trials;
 pub mod workshop;
 
 use std::ops::Range;
