@@ -16,11 +16,11 @@ use tests::trials::pms5005::{Seen, Trial};
 fn hours(seed: u64, hours: f64) -> Seen {
     let mut choices = Choices::seeded(seed);
     let mut trial = Trial::new(&mut choices);
-    while (trial.seen.ms as f64) < hours * 3_600_000.0 {
+    while (trial.seen().ms as f64) < hours * 3_600_000.0 {
         trial.go_on(&mut choices);
     }
     trial.end();
-    trial.seen
+    trial.seen()
 }
 
 /// Plays hours of several seeds at once, and tells what was seen.

@@ -5,6 +5,7 @@
 //! chosen is a grammar's, not noise: frames and commands of the manuals, and what a line, a world and
 //! a power supply do to them.
 
+mod board;
 mod choices;
 mod formats;
 mod host;

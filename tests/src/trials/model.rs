@@ -60,6 +60,17 @@ struct Servo {
     /// It was ever told where to be.
     has_a_place: bool,
     since: u32,
+    /// It slews, whether its host speaks or not.
+    slews: bool,
+    /// It goes nowhere, since this period.
+    rests: Option<u32>,
+}
+
+impl Servo {
+    /// It was told to move.
+    fn on(since: u32, slews: bool) -> Self {
+        Self { may_be_on: true, has_a_place: true, since, slews, rests: None }
+    }
 }
 
 /// See the [module](self).
@@ -121,12 +132,12 @@ impl Model {
             }
             Command::MoveServos { targets, .. } => {
                 for (servo, _) in self.servos.iter_mut().zip(targets).filter(|(_, t)| t.is_some()) {
-                    *servo = Servo { may_be_on: true, has_a_place: true, since: period };
+                    *servo = Servo::on(period, false);
                 }
             }
             Command::SlewServos(slews) => {
                 for (servo, _) in self.servos.iter_mut().zip(slews).filter(|(_, s)| s.is_some()) {
-                    *servo = Servo { may_be_on: true, has_a_place: true, since: period };
+                    *servo = Servo::on(period, true);
                 }
             }
             Command::Run { scope, run } => self.run(scope, run, period),
@@ -281,7 +292,15 @@ impl Model {
             }
         }
         if now.faults.stops_servos() {
-            self.servos.iter_mut().for_each(|servo| (servo.may_be_on, servo.since) = (false, period));
+            for servo in &mut self.servos {
+                (servo.may_be_on, servo.since) = (false, period);
+                servo.rests = Some(servo.rests.unwrap_or(period));
+            }
+        }
+        if lost {
+            for servo in self.servos.iter_mut().filter(|servo| !servo.slews) {
+                servo.rests = Some(servo.rests.unwrap_or(period));
+            }
         }
     }
 
@@ -384,6 +403,9 @@ impl Model {
         assert!(pulse.is_none() || !now.faults.stops_servos(), "a pulse under a fault: {}", at());
         let may_be_on = servo.may_be_on || !self.is_done(servo.since, now);
         assert!(pulse.is_none() || may_be_on, "nobody has enabled it: {}", at());
+        let moves = now.servos[i] != self.before.servos[i];
+        let rests = servo.rests.is_some_and(|since| self.is_done(since, now));
+        assert!(!(moves && rests), "a fault or silence has stopped it: {}", at());
     }
 }
 
