@@ -187,7 +187,7 @@ fn servo_packet(id: u8, code: u8, params: &[u8]) {
 fn not_frames(bytes: &[u8]) {
     let mut buffer = [0; MAX_FRAME];
     if let Some(frame) = Frame::parse(bytes) {
-        assert!(frame.encode(&mut buffer).unwrap().len() <= bytes.len());
+        assert!(bytes[6..].starts_with(frame.data));
     }
     if let Some(packet) = arcos::Packet::parse(bytes)
         && packet.data.len() <= arcos::MAX_SENT - arcos::OVERHEAD

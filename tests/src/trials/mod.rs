@@ -5,6 +5,7 @@
 //! chosen is a grammar's, not noise: frames and commands of the manuals, and what a line, a world and
 //! a power supply do to them.
 
+pub mod arm;
 mod board;
 mod choices;
 mod formats;
@@ -12,6 +13,7 @@ mod host;
 mod model;
 pub mod pms5005;
 mod reception;
+mod store;
 mod watched;
 mod world;
 
@@ -21,8 +23,10 @@ pub use choices::Choices;
 pub type Trial = fn(&mut Choices);
 
 /// All of them, by name.
-pub const ALL: [(&str, Trial); 3] = [
+pub const ALL: [(&str, Trial); 5] = [
     ("receivers", reception::trial),
     ("formats", formats::trial),
     ("pms5005", pms5005::trial),
+    ("arm", arm::trial),
+    ("store", store::trial),
 ];

@@ -124,6 +124,7 @@ impl Trial {
         control.link_timeout = choices.weighed(&[(1, 100), (4, 2000), (1, 40)]);
         control.longest_move = choices.weighed(&[(1, 0), (4, 10_000), (1, 150)]);
         control.board_faults.motor_battery_high = 3000;
+        control.board_faults.missed_periods = 1;
         control.channel_faults.thermal_s = 1; // or hardly any motor is hot before it is commanded anew
         control.soft_limits[world::LIMITED] = world::SOFT;
         let board = Board::new(settings, choices, Pms5005::new);
@@ -145,7 +146,8 @@ impl Trial {
 
     /// One more thing befalls it.
     pub fn go_on(&mut self, choices: &mut Choices) {
-        match choices.weighed(&ALL) {
+        let b = choices.weighed(&ALL); if std::env::var_os("TRACE").is_some() { eprintln!("{} {b:?}", self.board.ms); } // TRACE
+        match b {
             Befalls::Pause => {
                 let ms = match choices.are_a_fuzzers() {
                     true => choices.among(&[1, 1, 2, 5, 10, 20, 45, 60, 110, 250]),
@@ -184,10 +186,12 @@ impl Trial {
             }
             Befalls::LineMended => self.board.it.line.cut(false),
             Befalls::Late => {
-                // Control comes too late, but the watchdog bears it.
+                // Control comes too late. It is looked at again with the sensors, every 20 ms, and the
+                // watchdog bears 50.
                 self.board.it.watchdog.hung.set(Some(Task::Control));
-                self.pass(1 + u64::from(choices.below(45)));
+                self.pass(1 + u64::from(choices.below(25)));
                 self.board.it.watchdog.hung.set(None);
+                self.pass(21);
             }
             Befalls::Hang => {
                 self.board.hang(choices);
@@ -243,6 +247,7 @@ impl Trial {
     }
 
     fn put(&mut self, bytes: &[u8], is_owed: bool, may_be_an_ack: bool, is_move: bool) {
+        if std::env::var_os("TRACE").is_some() { eprintln!("{} {bytes:02x?} {:?}", self.board.ms, Command::parse(bytes[4], &bytes[6..bytes.len()-3])); } // TRACE
         self.board.it.line.host_sends(bytes);
         self.counted.frames += 1;
         self.wire.last_sent = now();
