@@ -107,10 +107,10 @@ impl<'a> Choices<'a> {
         }
     }
 
-    /// All bytes that are left, a generator's up to `most`.
+    /// Up to `most` bytes of all that are left.
     pub fn rest(&mut self, most: usize) -> Vec<u8> {
         match &mut self.0 {
-            Source::Bytes(rest) => std::mem::take(rest).to_vec(),
+            Source::Bytes(rest) => std::mem::take(rest).iter().take(most).copied().collect(),
             Source::Generator(_) => self.bytes(most),
         }
     }

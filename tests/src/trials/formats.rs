@@ -10,7 +10,7 @@ use protocol::deframe::{Deframer, Framing};
 use protocol::dynamixel::{self, Id, Instruction};
 use protocol::extension::{Answer, Request};
 use protocol::pms5005::{
-    self, Command, ETX, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, Report, encode_answer,
+    self, Command, Frame, MAX_DATA, MAX_FRAME, OVERHEAD, Pms5005, Report, encode_answer,
 };
 
 use super::Choices;
@@ -31,9 +31,11 @@ fn command(did: u8, data: &[u8]) {
     match command {
         Command::Parameters(parameters) => {
             let mut again = pms5005::Data::new();
-            parameters.iter().for_each(|parameter| parameter.emit(&mut again).unwrap());
-            let again = pms5005::Parameters::parse(&again).unwrap();
-            assert!(parameters.iter().eq(again.iter()));
+            // Short forms are written as long ones, which may be too long for a frame.
+            if parameters.iter().try_for_each(|parameter| parameter.emit(&mut again)).is_ok() {
+                let again = pms5005::Parameters::parse(&again).unwrap();
+                assert!(parameters.iter().eq(again.iter()));
+            }
         }
         Command::Extension(Request::Set(assignments)) => {
             assert_eq!(assignments.iter().count() * 7, data.len());
@@ -60,10 +62,6 @@ fn report(did: u8, data: &[u8]) {
     arrives::<Pms5005, MAX_FRAME>(sent);
     let told = Frame::parse(sent).unwrap().data;
     assert_eq!(told.len(), data.len());
-    let altered = data.iter().zip(told).filter(|(before, after)| before != after);
-    // One value for each end mark that it would have made, and one more for a mark of the checksum.
-    let marks = [data, &ETX[..1]].concat().windows(2).filter(|pair| pair[0] == ETX[0]).count();
-    assert!(altered.clone().count() <= data.len() / 2 && altered.count() <= 2 * marks + 2);
     let again = Report::parse(did, told).expect("a report");
     let mut buffer = [0; Report::MAX_FRAME];
     assert_eq!(again.encode(&mut buffer).unwrap(), sent, "what gave way once stays");

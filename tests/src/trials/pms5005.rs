@@ -146,8 +146,7 @@ impl Trial {
 
     /// One more thing befalls it.
     pub fn go_on(&mut self, choices: &mut Choices) {
-        let b = choices.weighed(&ALL); if std::env::var_os("TRACE").is_some() { eprintln!("{} {b:?}", self.board.ms); } // TRACE
-        match b {
+        match choices.weighed(&ALL) {
             Befalls::Pause => {
                 let ms = match choices.are_a_fuzzers() {
                     true => choices.among(&[1, 1, 2, 5, 10, 20, 45, 60, 110, 250]),
@@ -247,7 +246,6 @@ impl Trial {
     }
 
     fn put(&mut self, bytes: &[u8], is_owed: bool, may_be_an_ack: bool, is_move: bool) {
-        if std::env::var_os("TRACE").is_some() { eprintln!("{} {bytes:02x?} {:?}", self.board.ms, Command::parse(bytes[4], &bytes[6..bytes.len()-3])); } // TRACE
         self.board.it.line.host_sends(bytes);
         self.counted.frames += 1;
         self.wire.last_sent = now();
