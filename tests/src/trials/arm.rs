@@ -152,8 +152,15 @@ impl Trial {
     fn pass(&mut self, ms: u64) {
         for _ in 0..ms {
             self.board.pass();
+            if self.starts != self.board.starts {
+                self.at_rest_for = 0;
+            }
             self.look();
             self.hear();
+            if self.starts != self.board.starts {
+                // What was heard in this millisecond may be of the session before.
+                (self.starts, self.awaited_since) = (self.board.starts, None);
+            }
             self.board.looked();
         }
     }
@@ -162,9 +169,6 @@ impl Trial {
         let now = &self.board.now;
         assert_eq!(self.board.moves, 0, "an arm has no motors");
         assert!(now.outputs.motors.iter().all(|motor| !motor.enabled), "a motor is on");
-        if self.starts != self.board.starts {
-            (self.starts, self.awaited_since, self.at_rest_for) = (self.board.starts, None, 0);
-        }
         let arm = self.board.it.link().arm;
         for (i, pulse) in now.outputs.servos.iter().enumerate() {
             let Some(pulse) = pulse.map(|pulse| i32::from(pulse.raw())) else { continue };

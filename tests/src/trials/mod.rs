@@ -9,6 +9,7 @@ pub mod arm;
 mod board;
 mod choices;
 pub mod cm5;
+mod files;
 mod formats;
 mod host;
 mod model;
@@ -24,11 +25,12 @@ pub use choices::Choices;
 pub type Trial = fn(&mut Choices);
 
 /// All of them, by name.
-pub const ALL: [(&str, Trial); 6] = [
+pub const ALL: [(&str, Trial); 7] = [
     ("receivers", reception::trial),
     ("formats", formats::trial),
     ("pms5005", pms5005::trial),
     ("arm", arm::trial),
     ("cm5", cm5::trial),
     ("store", store::trial),
+    ("files", files::trial),
 ];
