@@ -253,6 +253,31 @@ fn a_damaged_head_of_a_sector_costs_no_save_behind_it() {
 }
 
 #[test]
+fn a_save_works_at_once_however_much_of_a_sector_is_damaged_before_it_gets_there() {
+    for spoiled in [0, 100, 700, RECORD, 2 * RECORD + 300] {
+        for (byte, count) in [(0xAA, 5000), (0xAA, 500), (0, 5000), (0xD1, SECTOR)] {
+            for cut in [0, 40, 300, 700] {
+                let flash = Flash::empty();
+                (1..=2).for_each(|n| save(&flash, n).unwrap());
+                let mut image = flash.image();
+                let free = image.iter().rposition(|&byte| byte != 0xFF).unwrap() + 1;
+                image[free + spoiled + RECORD / 2..][..4].fill(0xD1);
+                image[free + spoiled + RECORD..].iter_mut().take(count).for_each(|place| *place = byte);
+                let flash = Flash::with(&image);
+                flash.lose_power_after(cut, false);
+                assert_eq!(save(&flash, 3), Err(SaveFailed));
+                assert!(flash.restore_power());
+                for n in 4..20 {
+                    let what = format!("{count} x {byte:02x} after {spoiled}, cut at {cut}, {n}");
+                    save(&flash, n).unwrap_or_else(|_| panic!("{what}: not saved"));
+                    assert_eq!(load(&flash), (settings(n), Origin::Stored), "{what}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn power_lost_in_several_saves_in_a_row_leaves_what_was_saved_last() {
     for first in (0..RECORD + 40).step_by(7) {
         for (saved, then) in [(0, 3), (1, 3), (20, 60), (60, 3)] {

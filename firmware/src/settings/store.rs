@@ -105,8 +105,10 @@ impl<F: NorFlash> Store<F> {
                 &mut feed,
             );
         }
-        // In damaged flash the first try may only mend the map.
-        if self.append(settings, &mut feed) || self.append(settings, &mut feed) {
+        // In damaged flash a try may only mend the map, or find its place spoiled: the next one goes behind
+        // that, and there are no more places than these.
+        let size = self.range.end.saturating_sub(self.range.start) as usize;
+        if (0..=size / FIRST_END).any(|_| self.append(settings, &mut feed)) {
             return Ok(());
         }
         // Nothing readable is lost: while there was a record, the map took another one.

@@ -237,6 +237,8 @@ impl Model {
             assert_eq!(now.moved.bits(), 0, "a command that was refused moves something");
         }
         let lost = now.counters.links_lost != self.before.counters.links_lost;
+        // Control that came late makes two periods in a millisecond, of which one is not seen.
+        let is_one_unseen = period - self.before.counters.periods > 1;
         for channel in Channel::ALL {
             let i = channel.index();
             let accelerates = [&self.settings, &self.old_settings]
@@ -244,8 +246,9 @@ impl Model {
                 .any(|settings| settings.channels[i].acceleration > 0);
             let ages = self.settings.oldest_command > 0 || self.old_settings.oldest_command > 0;
             let motor = &mut self.motors[i];
-            motor.may_age = ages || motor.may_age && !now.moved.has(channel);
-            if now.moved.has(channel) {
+            let has_moved = now.moved.has(channel) || (is_one_unseen && motor.coming.is_some());
+            motor.may_age = ages || motor.may_age && !has_moved;
+            if has_moved {
                 motor.asked = match motor.coming.take() {
                     _ if is_ambiguous => Asked::Unknown,
                     Some((true, periods, _)) => {

@@ -2,7 +2,8 @@
 //!
 //! What must hold besides what [`board`](super::board) and [`model`](super::model) say:
 //! - every intact frame for us is acknowledged, once; every motion command reaches the controller;
-//! - what the board sends is whole frames that can be read, and true.
+//! - what the board sends is whole frames that can be read, and true;
+//! - its host's silence is noticed.
 
 use embassy_time::Instant;
 use firmware::controller::Snapshot;
@@ -107,6 +108,8 @@ struct Wire {
     /// Nothing is counted until then: a candidate may swallow frames.
     dirty_until: u64,
     last_sent: u64,
+    /// The board has heard a sign of life since it has started.
+    has_been_heard: bool,
     /// The last time that the machine state told.
     clock: Option<u16>,
     starts: u32,
@@ -253,6 +256,7 @@ impl Trial {
             self.wire.owed += u32::from(is_owed && !may_be_an_ack);
             self.wire.may_come += u32::from(is_owed && may_be_an_ack);
             self.wire.moves += u32::from(is_move);
+            self.wire.has_been_heard |= is_move && now() > self.wire.dirty_until;
         }
     }
 
@@ -273,6 +277,7 @@ impl Trial {
             self.board.pass();
             if self.wire.starts != self.board.starts {
                 (self.wire.starts, self.wire.clock) = (self.board.starts, None);
+                self.wire.has_been_heard = false;
                 self.taint(DAMAGE_LASTS);
             }
             self.hear();
@@ -299,6 +304,11 @@ impl Trial {
                 (_, Some(answer)) => self.heard(&answer),
                 _ => assert_eq!((did, data), (255, &[0][..]), "neither telemetry nor ping"),
             }
+        }
+        let time = u64::from(self.board.settings.control.link_timeout);
+        let is_silent = now() > self.wire.last_sent.max(self.wire.dirty_until) + time + ANSWERED_WITHIN;
+        if is_silent && time > 0 && self.wire.has_been_heard && !self.board.model.is_held {
+            assert!(self.board.now.link_loss, "its host has been silent for {time} ms");
         }
         let wire = &mut self.wire;
         let asked = self.board.moves;
