@@ -228,6 +228,26 @@ fn a_running_channel_that_is_suspended_is_paused_and_goes_on_when_it_is_resumed(
     }
 }
 
+#[test]
+fn a_sensor_that_jumps_drives_nothing_that_stands_at_neutral() {
+    for (low, high) in [(1000, 3000), (0, 2000)] {
+        let mut bench = bench();
+        let joint = 5;
+        bench.send_raw(7, &assign(&[(88 + 2, low), (89 + 2, high)]));
+        bench.drive(Quantity::Pwm, joint, 16_384 + 3000, 0);
+        bench.run_alive_ms(50);
+        bench.drive(Quantity::Pwm, joint, 16_384, 0);
+        bench.run_alive_ms(COASTS_MS);
+        for reading in [Some(1039), Some(2047), Some(2990), None, Some(0), Some(4095)] {
+            bench.board.plant.borrow_mut().overrides.potentiometers[joint] = reading;
+            for ms in 0..100 {
+                bench.run_ms(1);
+                assert_eq!(bench.bridge(joint).0, 0, "{ms} ms after it reads {reading:?}");
+            }
+        }
+    }
+}
+
 /// Pulls the wheel's encoder under way, and plugs it in again when the channel has tripped.
 fn trip(bench: &mut Bench) {
     bench.drive(Quantity::Velocity, WHEEL, 8000, 0);

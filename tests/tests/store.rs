@@ -130,6 +130,21 @@ fn power_lost_at_any_byte_of_the_first_save_leaves_defaults_or_the_new_ones() {
 }
 
 #[test]
+fn power_lost_at_any_byte_of_the_first_save_and_in_the_next_one_too_loses_nothing_that_was_found() {
+    for (first, second) in (0..RECORD + 40).flat_map(|first| [(first, 0), (first, 600)]) {
+        let flash = Flash::empty();
+        flash.lose_power_after(first, false);
+        let _ = save(&flash, 1);
+        flash.restore_power();
+        let (found, _) = load(&flash);
+        flash.lose_power_after(second, false);
+        assert_eq!(save(&flash, 2), Err(SaveFailed));
+        flash.restore_power();
+        assert_eq!(load(&flash).0, found, "cut at {first}, then at {second}");
+    }
+}
+
+#[test]
 fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new() {
     let (flash, n) = save_until(|flash| flash.image()[RECORD / 2] != 0xFF);
     assert!((RECORD..RECORD + 128).contains(&cut_everywhere(&flash, n, 1)));

@@ -98,8 +98,9 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`SaveFailed`]: the flash does not take them.
     pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
-        // Begun anew, so that the next one is a first record again if it is torn too.
-        if self.written() == Written::Begun {
+        // Begun anew, so that the next one is a first record again if it is torn too. Not one that lacks
+        // nothing but the filling of its last word: it can be read.
+        if self.written() == Written::Begun && self.stored(&mut feed).is_none() {
             self.erase(
                 self.range.start..self.range.start.saturating_add(F::ERASE_SIZE as u32),
                 &mut feed,

@@ -22,6 +22,9 @@ use super::{Choices, world};
 
 /// A cycle of standard packets is 100 ms; an upkeep or a hang may hold one up.
 const LONGEST_CYCLE: u64 = 105;
+/// Milliseconds in which the board takes what was sent, and what stands behind something damaged.
+const TAKEN_WITHIN: u64 = 20;
+const DAMAGE_LASTS: u64 = 1100;
 
 /// What befalls it.
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +64,7 @@ pub struct Trial {
     receiver: Receiver,
     /// Since when a standard packet is awaited; `None` while nobody can say whether a session is open.
     awaited_since: Option<u64>,
+    unsure_until: u64,
     starts: u32,
     /// How long no joint has moved, as ARMpac has it.
     at_rest_for: u32,
@@ -74,7 +78,7 @@ impl Trial {
         settings.arm.autopark_s = choices.among(&[600, 1]);
         settings.arm.grippark_s = choices.among(&[300, 1]);
         let board = Board::new(settings, choices, PioneerArm::new);
-        Self { board, receiver: Receiver::new(), awaited_since: None, starts: 1, at_rest_for: 0 }
+        Self { board, receiver: Receiver::new(), awaited_since: None, unsure_until: 0, starts: 1, at_rest_for: 0 }
     }
 
     /// Milliseconds so far.
@@ -102,9 +106,9 @@ impl Trial {
                     1 => drop(packet.drain(..at)),
                     _ => packet[at] ^= 1 << choices.below(8),
                 }
-                self.send(&packet);
+                self.damage(&packet);
             }
-            Befalls::Noise => self.send(&choices.bytes(40)),
+            Befalls::Noise => self.damage(&choices.bytes(40)),
             Befalls::World => self.board.disturb(choices),
             Befalls::WorldIsRight => world::mend(&mut self.board.it.plant.borrow_mut()),
             Befalls::Cable => {
@@ -145,7 +149,13 @@ impl Trial {
 
     fn send(&mut self, bytes: &[u8]) {
         self.board.it.line.host_sends(bytes);
-        self.awaited_since = None; // it may close the session
+        self.awaited_since = None;
+        self.unsure_until = self.unsure_until.max(Instant::now().as_millis() + TAKEN_WITHIN);
+    }
+
+    fn damage(&mut self, bytes: &[u8]) {
+        self.send(bytes);
+        self.unsure_until = Instant::now().as_millis() + DAMAGE_LASTS;
     }
 
     /// Lets time pass, and looks at the board after every millisecond.
@@ -204,7 +214,8 @@ impl Trial {
                 2 => assert!(Names::parse(&packet).is_some(), "the answer to SYNC2"),
                 Standard::ID => {
                     assert!(Standard::parse(&packet).is_some());
-                    self.awaited_since = Some(time);
+                    // What was sent a moment ago may be about to close the session.
+                    self.awaited_since = (time > self.unsure_until).then_some(time);
                 }
                 ArmStatus::ID => {
                     let status = ArmStatus::parse(&packet, dialect).expect("an ARMpac");

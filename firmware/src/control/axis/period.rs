@@ -140,7 +140,11 @@ impl Axis {
     /// The limits from outside, and what the soft limits forbid.
     fn within_soft_limits(&self, now: Reading, limits: &Limits) -> Limits {
         let mut limits = *limits;
-        self.track.hold_within(now, self.full_speed, &mut limits);
+        // A PWM that stands at neutral is a stop, and no sensor that jumps is to drive it.
+        let is_neutral = self.method == Method::Pwm && self.set_point == 0;
+        if !is_neutral {
+            self.track.hold_within(now, self.full_speed, &mut limits);
+        }
         limits
     }
 
