@@ -140,10 +140,11 @@ impl Axis {
     /// The limits from outside, and what the soft limits forbid.
     fn within_soft_limits(&self, now: Reading, limits: &Limits) -> Limits {
         let mut limits = *limits;
-        // A PWM that stands at neutral is a stop, and no sensor that jumps is to drive it.
-        let is_neutral = self.method == Method::Pwm && self.set_point == 0;
-        if !is_neutral {
-            self.track.hold_within(now, self.full_speed, &mut limits);
+        self.track.hold_within(now, self.full_speed, &mut limits);
+        if self.method == Method::Pwm && self.set_point == 0 {
+            // Neutral is a stop: nothing is braked, or a sensor that jumps would drive it.
+            limits.low = limits.low.min(Drive::ZERO);
+            limits.high = limits.high.max(Drive::ZERO);
         }
         limits
     }
