@@ -229,6 +229,24 @@ fn a_running_channel_that_is_suspended_is_paused_and_goes_on_when_it_is_resumed(
 }
 
 #[test]
+fn a_timed_move_that_silence_stops_stays_stopped_although_the_host_speaks_a_moment_later() {
+    for late in 0..4 {
+        let mut bench = bench();
+        set_going(&mut bench, Motion::Position);
+        let lost = bench.board.snapshot().counters.links_lost;
+        while bench.board.snapshot().counters.links_lost == lost {
+            bench.run_ms(1);
+        }
+        bench.run_ms(late);
+        bench.send(Command::Ping);
+        bench.run_ms(3);
+        let stands = bench.board.snapshot().channels[WHEEL].set_point;
+        bench.run_alive_ms(COASTS_MS);
+        assert_eq!(bench.board.snapshot().channels[WHEEL].set_point, stands, "{late} ms later");
+    }
+}
+
+#[test]
 fn a_sensor_that_jumps_drives_nothing_that_stands_at_neutral() {
     for (low, high) in [(1000, 3000), (0, 2000)] {
         let mut bench = bench();
