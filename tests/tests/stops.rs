@@ -247,6 +247,26 @@ fn a_timed_move_that_silence_stops_stays_stopped_although_the_host_speaks_a_mome
 }
 
 #[test]
+fn a_move_without_a_time_that_was_paused_is_broken_off_by_silence_as_any_other() {
+    let mut bench = Bench::with(Make { line_rate: 0, ..Make::default() });
+    let wheel = Channel::ALL[WHEEL];
+    bench.configure(&[Parameter::Sensor(wheel, Sensor::Encoder)]);
+    bench.send_raw(7, &settings(181, 2000));
+    bench.drive(Quantity::Position, WHEEL, 15_000, 0);
+    bench.run_alive_ms(600);
+    bench.send(run(Scope::Motor(wheel), false));
+    bench.run_ms(20);
+    bench.send(run(Scope::Motor(wheel), true));
+    let lost = bench.board.snapshot().counters.links_lost;
+    while bench.board.snapshot().counters.links_lost == lost {
+        bench.run_ms(1);
+    }
+    let stands = bench.board.snapshot().channels[WHEEL].set_point;
+    bench.run_ms(500);
+    assert_eq!(bench.board.snapshot().channels[WHEEL].set_point, stands);
+}
+
+#[test]
 fn a_sensor_that_jumps_drives_nothing_that_stands_at_neutral() {
     for (low, high) in [(1000, 3000), (0, 2000)] {
         let mut bench = bench();
