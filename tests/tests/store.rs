@@ -277,7 +277,10 @@ fn a_save_works_at_once_however_much_of_a_sector_is_damaged_before_it_gets_there
                 let mut image = flash.image();
                 let free = image.iter().rposition(|&byte| byte != 0xFF).unwrap() + 1;
                 image[free + spoiled + RECORD / 2..][..4].fill(0xD1);
-                image[free + spoiled + RECORD..].iter_mut().take(count).for_each(|place| *place = byte);
+                image[free + spoiled + RECORD..]
+                    .iter_mut()
+                    .take(count)
+                    .for_each(|place| *place = byte);
                 let flash = Flash::with(&image);
                 flash.lose_power_after(cut, false);
                 assert_eq!(save(&flash, 3), Err(SaveFailed));

@@ -86,6 +86,9 @@ fn no_millisecond_of_a_week_breaks_a_promise() {
         let times = times(&seen, fault);
         println!("{fault:?}: {times} times");
         // No trial damages the flash of a board that is on.
-        assert!(times >= 10 || fault == Fault::SettingsCorrupt, "no chaos: {fault:?} {times} times");
+        assert!(
+            times >= 10 || fault == Fault::SettingsCorrupt,
+            "no chaos: {fault:?} {times} times"
+        );
     }
 }

@@ -11,8 +11,8 @@ use embassy_time::Instant;
 use firmware::personality::pioneer_arm::PioneerArm;
 use firmware::settings::{JointSettings, Settings};
 use protocol::arcos::{
-    Argument, ArmCommand, ArmInfo, ArmStatus, Dialect, JointNumber, Joints, MotionBits, Names, Packet,
-    Receiver, SYNC, Standard, StatusRequest, command, encode_command, extension,
+    Argument, ArmCommand, ArmInfo, ArmStatus, Dialect, JointNumber, Joints, MotionBits, Names,
+    Packet, Receiver, SYNC, Standard, StatusRequest, command, encode_command, extension,
 };
 use protocol::extension::{Action, Answer, Assignments, Request};
 use protocol::pms5005::{Data, Repeat};
@@ -78,7 +78,14 @@ impl Trial {
         settings.arm.autopark_s = choices.among(&[600, 1]);
         settings.arm.grippark_s = choices.among(&[300, 1]);
         let board = Board::new(settings, choices, PioneerArm::new);
-        Self { board, receiver: Receiver::new(), awaited_since: None, unsure_until: 0, starts: 1, at_rest_for: 0 }
+        Self {
+            board,
+            receiver: Receiver::new(),
+            awaited_since: None,
+            unsure_until: 0,
+            starts: 1,
+            at_rest_for: 0,
+        }
     }
 
     /// Milliseconds so far.
@@ -285,7 +292,8 @@ fn packet(choices: &mut Choices) -> Vec<u8> {
 fn request<'a>(choices: &mut Choices, data: &'a mut Data) -> Request<'a> {
     match choices.below(8) {
         0 => {
-            let settings = [(112, 2), (112, 0), (66, 1820), (114, 1), (121, 100), (128, 1), (1, 100)];
+            let settings =
+                [(112, 2), (112, 0), (66, 1820), (114, 1), (121, 100), (128, 1), (1, 100)];
             let (number, value) = choices.among(&settings);
             Assignments::emit(number, value, data).expect("it fits");
             Request::Set(Assignments::parse(data).expect("what was just emitted"))

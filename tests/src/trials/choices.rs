@@ -38,8 +38,9 @@ impl<'a> Choices<'a> {
                 taken.iter().rev().fold(0, |word, byte| word << 8 | u32::from(*byte))
             }
             Source::Generator(state) => {
-                *state =
-                    state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                *state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
                 (*state >> 32) as u32
             }
         }

@@ -18,8 +18,22 @@ use super::Choices;
 
 /// What people write for numbers.
 const NUMBERS: [&str; 16] = [
-    "0", "1", "-1", "0.0", "1.0", "0.5", "nan", "inf", "-inf", "1e30", "255", "4095", "65536",
-    "18446744073709551615", "true", "\"encoder\"",
+    "0",
+    "1",
+    "-1",
+    "0.0",
+    "1.0",
+    "0.5",
+    "nan",
+    "inf",
+    "-inf",
+    "1e30",
+    "255",
+    "4095",
+    "65536",
+    "18446744073709551615",
+    "true",
+    "\"encoder\"",
 ];
 
 /// One line that a person can read.
@@ -44,11 +58,26 @@ fn moves(mut plant: Plant) {
 /// A line of a scene: a key that there is, and a value that somebody could write.
 fn scene_line(choices: &mut Choices, text: &mut String) {
     let value = choices.among(&NUMBERS);
-    let keys = ["noise_lsb", "seed", "[motor.0]", "[motor.5]", "[battery]", "[environment]", "[faults]"];
+    let keys =
+        ["noise_lsb", "seed", "[motor.0]", "[motor.5]", "[battery]", "[environment]", "[faults]"];
     let more = [
-        "sensor", "reversed", "full_speed", "time_constant_s", "friction", "load",
-        "stall_current_a", "start", "motor_v", "main_v", "servo_v", "motor_nominal_v",
-        "motor_resistance_ohm", "ir_range_cm", "ambient_c", "wall_cm", "link",
+        "sensor",
+        "reversed",
+        "full_speed",
+        "time_constant_s",
+        "friction",
+        "load",
+        "stall_current_a",
+        "start",
+        "motor_v",
+        "main_v",
+        "servo_v",
+        "motor_nominal_v",
+        "motor_resistance_ohm",
+        "ir_range_cm",
+        "ambient_c",
+        "wall_cm",
+        "link",
     ];
     let lists = ["sonar_cm", "cm_per_count", "driver_c", "tilt_g", "custom_v", "jam", "unplugged"];
     let _ = match choices.below(4) {
@@ -130,8 +159,18 @@ fn question(choices: &mut Choices) -> Map<String, Value> {
     for _ in 0..1 + choices.below(4) {
         let key = choices.among(inspector::SETTABLE);
         let values = [
-            json!(null), json!(0), json!(-1), json!(4095), json!(255), json!(65_536), json!(0.5),
-            json!(1e300), json!(u64::MAX), json!(true), json!("x"), json!({}),
+            json!(null),
+            json!(0),
+            json!(-1),
+            json!(4095),
+            json!(255),
+            json!(65_536),
+            json!(0.5),
+            json!(1e300),
+            json!(u64::MAX),
+            json!(true),
+            json!("x"),
+            json!({}),
         ];
         let value = values[choices.below(values.len() as u32) as usize].clone();
         let count = choices.among(&[0, 2, 3, 4, 6, 8]);

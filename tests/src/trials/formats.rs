@@ -87,7 +87,8 @@ fn arcos_packet(id: u8, data: &[u8]) {
     assert_eq!(arcos::Packet::parse(sent), Some(packet));
     let mut buffer = [0; arcos::MAX_SENT];
     let out = &mut buffer[..];
-    let again = |sent: &[u8]| arcos::Packet::parse(sent).map(|packet| packet.data.to_vec()).unwrap();
+    let again =
+        |sent: &[u8]| arcos::Packet::parse(sent).map(|packet| packet.data.to_vec()).unwrap();
     if let Ok(Some(argument)) = Argument::parse(data) {
         let sent = encode_command(id, Some(argument), out).unwrap();
         assert_eq!(Argument::parse(&again(sent)), Ok(Some(argument)));

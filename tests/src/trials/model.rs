@@ -78,8 +78,8 @@ pub struct Model {
     motors: [Motor; CHANNELS],
     servos: [Servo; CHANNELS],
     settings: ControlSettings,
-    /// The ones before, which count for a while, and the period in which they were replaced.
-    old_settings: ControlSettings,
+    /// The ones before, which count for a while, and the period in which the last were replaced.
+    old_settings: Vec<ControlSettings>,
     settled: u32,
     /// No command is carried out.
     pub is_held: bool,
@@ -107,7 +107,7 @@ impl Model {
             motors: [motor; CHANNELS],
             servos: Default::default(),
             settings,
-            old_settings: settings,
+            old_settings: Vec::new(),
             settled: 0,
             is_held: false,
             before,
@@ -185,7 +185,7 @@ impl Model {
 
     /// The controller is to go by these settings.
     pub fn adopted(&mut self, settings: &ControlSettings, now: &Snapshot) {
-        self.old_settings = self.settings;
+        self.old_settings.push(self.settings);
         (self.settings, self.settled) = (*settings, now.counters.periods);
         self.asked(&Command::Adopt, now);
     }
@@ -210,6 +210,9 @@ impl Model {
             self.servos.iter_mut().for_each(|servo| servo.since = period);
             self.settled = period;
         }
+        if self.is_done(self.settled, now) {
+            self.old_settings.clear();
+        }
         self.follow(now);
         for channel in Channel::ALL {
             self.check_motor(channel, now, plant);
@@ -224,6 +227,11 @@ impl Model {
         ];
         assert!(counted.iter().all(|(old, new)| old <= new), "a counter runs backwards: {new:?}");
         self.before = *now;
+    }
+
+    /// Those that may be in force.
+    fn all_settings(&self) -> impl Iterator<Item = &ControlSettings> {
+        self.old_settings.iter().chain([&self.settings])
     }
 
     /// What the period did to what was asked.
@@ -241,10 +249,9 @@ impl Model {
         let is_one_unseen = period - self.before.counters.periods > 1;
         for channel in Channel::ALL {
             let i = channel.index();
-            let accelerates = [&self.settings, &self.old_settings]
-                .iter()
-                .any(|settings| settings.channels[i].acceleration > 0);
-            let ages = self.settings.oldest_command > 0 || self.old_settings.oldest_command > 0;
+            let accelerates = self.all_settings().any(|all| all.channels[i].acceleration > 0);
+            let ages = self.all_settings().any(|all| all.oldest_command > 0);
+            let may_go_on = self.all_settings().any(|all| all.longest_move > 0);
             let motor = &mut self.motors[i];
             let has_moved = now.moved.has(channel) || (is_one_unseen && motor.coming.is_some());
             motor.may_age = ages || motor.may_age && !has_moved;
@@ -261,14 +268,14 @@ impl Model {
                     None => Asked::Motion { timed: true },
                 };
                 motor.since = period;
-            } else if is_ambiguous && period - motor.since <= SLACK && motor.asked != Asked::Nothing {
+            } else if is_ambiguous && period - motor.since <= SLACK && motor.asked != Asked::Nothing
+            {
                 (motor.asked, motor.since) = (Asked::Unknown, period);
             }
             if !self.is_held {
                 motor.coming = motor.coming.filter(|(.., at)| period - at <= SLACK);
             }
             if lost {
-                let longest = self.settings.longest_move.max(self.old_settings.longest_move);
                 motor.asked = match (motor.asked, now.channels[i].set_point) {
                     (Asked::Nothing | Asked::Pause { .. }, _) => Asked::Nothing,
                     (Asked::Unknown, _) => Asked::Unknown,
@@ -276,7 +283,7 @@ impl Model {
                     // It is held anew, within the band around the shaft.
                     (Asked::Hold { by, .. }, _) => Asked::Hold { by, at: None },
                     // It goes on to the end of its time, for as long as the host gives signs of life.
-                    (Asked::Motion { timed: true }, SetPoint::Position(_)) if longest > 0 => {
+                    (Asked::Motion { timed: true }, SetPoint::Position(_)) if may_go_on => {
                         Asked::Unknown
                     }
                     (_, SetPoint::Position(_)) => Asked::Hold { by: period + SLACK, at: None },
@@ -320,15 +327,9 @@ impl Model {
 
         assert!(enabled || duty == 0, "disabled is neutral: {}", at());
         assert!(plant.motors[i].velocity().is_finite(), "a motor of nowhere: {}", at());
-        let highest = [&self.settings, &self.old_settings]
-            .map(|settings| settings.channels[i].highest_duty)
-            .into_iter()
-            .max();
         let is_settled = self.is_done(self.settled, now);
-        let highest = match is_settled {
-            true => self.settings.channels[i].highest_duty,
-            false => highest.unwrap_or(u16::MAX),
-        };
+        let highest = self.all_settings().map(|all| all.channels[i].highest_duty).max();
+        let highest = highest.unwrap_or(0);
         assert!(duty.unsigned_abs() <= highest, "beyond its highest duty {highest}: {}", at());
         if now.faults.stops_motor(channel) {
             assert!(!enabled, "driven under a fault: {}", at());
@@ -341,13 +342,15 @@ impl Model {
             let reversed = self.settings.channels[i].polarity == Polarity::Negative;
             let upwards = if reversed { -duty } else { duty };
             let forward = collision.forward_is_positive.get(i);
-            let is_towards = forward.is_some_and(|&rises| if rises { upwards > 0 } else { upwards < 0 });
+            let is_towards =
+                forward.is_some_and(|&rises| if rises { upwards > 0 } else { upwards < 0 });
             assert!(!now.obstacle || !is_towards, "towards an obstacle: {}", at());
             let SoftLimits { low, high } = self.settings.soft_limits[i];
             if low < high {
                 // No trial gives this channel another sensor than one potentiometer.
                 let position = now.motion.potentiometers[i].cast_signed();
-                let is_within = (position < high || upwards <= 0) && (position > low || upwards >= 0);
+                let is_within =
+                    (position < high || upwards <= 0) && (position > low || upwards >= 0);
                 assert!(is_within, "beyond its soft limit, at {position}: {}", at());
             }
         }
@@ -372,15 +375,27 @@ impl Model {
                 assert_ne!(told.set_point.method(), Method::Position, "it was stopped: {}", at());
                 assert!(!grows, "it was stopped, and goes faster: {}", at());
                 let is_over = !self.is_held && by.is_some_and(|by| period > by);
-                assert!(!is_over || magnitude(&told) == Some(0), "it was to stand by now: {}", at());
+                assert!(
+                    !is_over || magnitude(&told) == Some(0),
+                    "it was to stand by now: {}",
+                    at()
+                );
                 let is_pwm = told.set_point.method() == Method::Pwm;
                 let has_crossed_over = by.is_some_and(|by| period > by + 64);
-                assert!(!(is_pwm && has_crossed_over && is_over) || duty == 0, "not neutral: {}", at());
+                assert!(
+                    !(is_pwm && has_crossed_over && is_over) || duty == 0,
+                    "not neutral: {}",
+                    at()
+                );
             }
             Asked::Silence { by, under_way } => {
                 let is_off = !enabled;
                 assert!(is_off || period <= by, "silence stops it by {by}: {}", at());
-                assert!(is_off || !grows || !is_done, "its host is silent, and it goes faster: {}", at());
+                assert!(
+                    is_off || !grows || !is_done,
+                    "its host is silent, and it goes faster: {}",
+                    at()
+                );
                 let is_told = enabled || !under_way || motor.may_age || told.reason.is_some();
                 assert!(is_told, "it stands without a reason: {}", at());
             }

@@ -110,8 +110,8 @@ struct Wire {
     last_sent: u64,
     /// The board has heard a sign of life since it has started.
     has_been_heard: bool,
-    /// The last time that the machine state told.
-    clock: Option<u16>,
+    /// The last time that the machine state told, and when.
+    clock: Option<(u16, u64)>,
     starts: u32,
 }
 
@@ -306,7 +306,8 @@ impl Trial {
             }
         }
         let time = u64::from(self.board.settings.control.link_timeout);
-        let is_silent = now() > self.wire.last_sent.max(self.wire.dirty_until) + time + ANSWERED_WITHIN;
+        let is_silent =
+            now() > self.wire.last_sent.max(self.wire.dirty_until) + time + ANSWERED_WITHIN;
         if is_silent && time > 0 && self.wire.has_been_heard && !self.board.model.is_held {
             assert!(self.board.now.link_loss, "its host has been silent for {time} ms");
         }
@@ -330,14 +331,16 @@ impl Trial {
     fn heard(&mut self, answer: &Answer) {
         match answer {
             Answer::State(state) => {
-                if let Some(before) = self.wire.clock {
-                    let passed = state.time_ms.wrapping_sub(before);
-                    assert!(passed < 0x8000, "time runs backwards: {before}, {}", state.time_ms);
+                if let Some((before, at)) = self.wire.clock {
+                    let passed = u64::from(state.time_ms.wrapping_sub(before));
+                    let is_so = ((now() - at) % 0x1_0000).abs_diff(passed) <= 1;
+                    assert!(is_so, "{passed} ms of the board's in {} ms", now() - at);
                 }
-                self.wire.clock = Some(state.time_ms);
+                self.wire.clock = Some((state.time_ms, now()));
                 let is_news = self.wire.dirty_until >= now();
                 for (i, told) in state.channels.iter().enumerate() {
-                    let is_so = is_so(told, i, &self.board.now) || is_so(told, i, &self.board.before);
+                    let is_so =
+                        is_so(told, i, &self.board.now) || is_so(told, i, &self.board.before);
                     assert!(is_so || is_news, "it is not so: {told:?}");
                 }
             }

@@ -83,11 +83,7 @@ fn play<F: Framing, const N: usize>(choices: &mut Choices, frame: impl Fn(&[u8])
 
 /// A frame, one that is flipped or cut off, a start with any bytes behind it, or bytes of which many
 /// could begin a frame.
-fn send<F: Framing>(
-    choices: &mut Choices,
-    sent: &mut Vec<u8>,
-    frame: &impl Fn(&[u8]) -> Vec<u8>,
-) {
+fn send<F: Framing>(choices: &mut Choices, sent: &mut Vec<u8>, frame: &impl Fn(&[u8]) -> Vec<u8>) {
     let kind = choices.below(6);
     let bytes = choices.bytes(70);
     let mut frame = match kind {

@@ -56,7 +56,10 @@ impl Trial {
         let again = self.store().load(|| {});
         // A boot that finds damage may mend it: the next one finds nothing.
         let is_mended = self.is_damaged && again == (Settings::DEFAULT, Origin::Defaults);
-        assert!(again == (found, origin) || (is_mended && origin == Origin::Corrupt), "and at every boot");
+        assert!(
+            again == (found, origin) || (is_mended && origin == Origin::Corrupt),
+            "and at every boot"
+        );
         match origin {
             Origin::Stored if self.is_damaged => {
                 assert!(self.ever.contains(&found), "nobody has saved these: {found:?}");

@@ -24,8 +24,7 @@ pub(super) fn disturb(plant: &mut Plant, choices: &mut Choices) {
         2 => world.currents[motor] = reading,
         3 => world.jam[motor] = Some(true),
         4 => {
-            world.battery[motor % 3] =
-                choices.among(&[Some(800), Some(1800), Some(3500), reading]);
+            world.battery[motor % 3] = choices.among(&[Some(800), Some(1800), Some(3500), reading]);
         }
         5 => world.overheat[motor % 2] = choices.among(&[Some(1000), reading]),
         6 => world.temperature = choices.among(&[Some(3900), reading]),
