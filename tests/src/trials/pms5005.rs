@@ -275,12 +275,16 @@ impl Trial {
     fn pass(&mut self, ms: u64) {
         for _ in 0..ms {
             self.board.pass();
-            if self.wire.starts != self.board.starts {
-                (self.wire.starts, self.wire.clock) = (self.board.starts, None);
+            let has_started = self.wire.starts != self.board.starts;
+            if has_started {
+                self.wire.starts = self.board.starts;
                 self.wire.has_been_heard = false;
                 self.taint(DAMAGE_LASTS);
             }
             self.hear();
+            if has_started {
+                self.wire.clock = None; // what was heard may be of before
+            }
             self.board.looked();
         }
     }
