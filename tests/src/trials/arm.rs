@@ -1,7 +1,7 @@
 //! A Pioneer Arm and its host: sessions that open and close, all commands of the arm, requests of the
 //! extension, silence, an arm that is pulled, over a line that damages what is sent.
 //!
-//! What must hold besides what [`board`](super::board) and [`model`](super::model) say:
+//! What must hold besides what `board` and `model` beside it say:
 //! - what the board sends is whole packets that can be read;
 //! - no DC motor is ever on; pulses lie within the joints' calibration, and without power there are none;
 //! - a joint that ARMpac does not call moving stands;

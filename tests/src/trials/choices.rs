@@ -50,7 +50,7 @@ impl<'a> Choices<'a> {
     pub fn below(&mut self, bound: u32) -> u32 {
         let bytes = match bound {
             ..=0x100 => 1,
-            ..=0x1_0000 => 2,
+            0x101..=0x1_0000 => 2,
             _ => 4,
         };
         self.next(bytes) % bound

@@ -1,6 +1,6 @@
 //! A PMS5005 and its host, which says whatever a host can say, over a line that damages it.
 //!
-//! What must hold besides what [`board`](super::board) and [`model`](super::model) say:
+//! What must hold besides what `board` and `model` beside it say:
 //! - every intact frame for us is acknowledged, once; every motion command reaches the controller;
 //! - what the board sends is whole frames that can be read, and true;
 //! - its host's silence is noticed.
