@@ -10,6 +10,7 @@
 //! - [`tasks`]: the firmware's own tasks over the plant and the clock;
 //! - [`wire`]: the serial line, paced like a UART;
 //! - [`flash`]: the memory for the settings, which may lose power at any byte;
+//! - [`inspector`]: what of the world can be changed from outside, in JSON;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
 //! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`];
 //! - [`cm5_board`]: the CM-5's bridge over a line and a servo bus: a [`cm5_board::Cm5Board`];
@@ -31,6 +32,8 @@ pub mod board;
 pub mod cm5_board;
 #[cfg(feature = "std")]
 pub mod flash;
+#[cfg(feature = "std")]
+pub mod inspector;
 #[cfg(feature = "std")]
 pub mod pass_through_board;
 #[cfg(feature = "std")]

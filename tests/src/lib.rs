@@ -2,6 +2,7 @@
 //! [`timeline`] what is seen when; [`Bench`], [`arm::Arm`] and [`cm5::Bench`] speak a personality's
 //! words, and [`extension`] those that the first two share. [`foreign`] is a motor and a PID that the
 //! controller was not written beside, [`workshop`] two hundred drives that no tuner was.
+//! [`trials`] play boards, receivers, formats and files under whatever can befall them.
 //!
 //! - `tests/conformance/`: the manual, example by example and table by table;
 //! - `tests/reception/`: properties of the receiver and of every codec;
@@ -16,13 +17,14 @@
 //! - `tests/faults/`: every fault and its near miss, every setting of them; `tests/healthy.rs`: what
 //!   is none;
 //! - `tests/rooms.rs`: what each module of the firmware may import;
-//! - `tests/invariants.rs`: hours of chaos, and what holds in every period of them;
+//! - `tests/week.rs`: hours of chaos, in CI, and a week of it; what holds all the while is [`trials`]';
 //! - `tests/same_bits.rs`: one digest of the controller for every machine;
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
 //! - `tests/qemu/`: the virtual board as an image, in QEMU;
 //! - `benches/tuning.rs`: what tuning makes of two hundred drives;
+//! - `fuzz/`: a workspace of its own, the [`trials`] by a coverage-guided fuzzer (`.ci/fuzz`);
 //! - `cost/`: a crate of its own, what the code costs in instructions;
 //! - `chip/`: a workspace of its own, the images that are flashed on a modelled chip (`.ci/chip`).
 
@@ -33,6 +35,7 @@ pub mod foreign;
 pub mod host;
 pub mod pms5005;
 pub mod timeline;
+pub mod trials;
 pub mod workshop;
 
 use std::ops::Range;

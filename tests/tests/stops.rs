@@ -228,6 +228,64 @@ fn a_running_channel_that_is_suspended_is_paused_and_goes_on_when_it_is_resumed(
     }
 }
 
+#[test]
+fn a_timed_move_that_silence_stops_stays_stopped_although_the_host_speaks_a_moment_later() {
+    for late in 0..4 {
+        let mut bench = bench();
+        set_going(&mut bench, Motion::Position);
+        let lost = bench.board.snapshot().counters.links_lost;
+        while bench.board.snapshot().counters.links_lost == lost {
+            bench.run_ms(1);
+        }
+        bench.run_ms(late);
+        bench.send(Command::Ping);
+        bench.run_ms(3);
+        let stands = bench.board.snapshot().channels[WHEEL].set_point;
+        bench.run_alive_ms(COASTS_MS);
+        assert_eq!(bench.board.snapshot().channels[WHEEL].set_point, stands, "{late} ms later");
+    }
+}
+
+#[test]
+fn a_move_without_a_time_that_was_paused_is_broken_off_by_silence_as_any_other() {
+    let mut bench = Bench::with(Make { line_rate: 0, ..Make::default() });
+    let wheel = Channel::ALL[WHEEL];
+    bench.configure(&[Parameter::Sensor(wheel, Sensor::Encoder)]);
+    bench.send_raw(7, &settings(181, 2000));
+    bench.drive(Quantity::Position, WHEEL, 15_000, 0);
+    bench.run_alive_ms(600);
+    bench.send(run(Scope::Motor(wheel), false));
+    bench.run_ms(20);
+    bench.send(run(Scope::Motor(wheel), true));
+    let lost = bench.board.snapshot().counters.links_lost;
+    while bench.board.snapshot().counters.links_lost == lost {
+        bench.run_ms(1);
+    }
+    let stands = bench.board.snapshot().channels[WHEEL].set_point;
+    bench.run_ms(500);
+    assert_eq!(bench.board.snapshot().channels[WHEEL].set_point, stands);
+}
+
+#[test]
+fn a_sensor_that_jumps_drives_nothing_that_stands_at_neutral() {
+    for (low, high) in [(1000, 3000), (0, 2000)] {
+        let mut bench = bench();
+        let joint = 5;
+        bench.send_raw(7, &assign(&[(88 + 2, low), (89 + 2, high)]));
+        bench.drive(Quantity::Pwm, joint, 16_384 + 3000, 0);
+        bench.run_alive_ms(50);
+        bench.drive(Quantity::Pwm, joint, 16_384, 0);
+        bench.run_alive_ms(COASTS_MS);
+        for reading in [Some(1039), Some(2047), Some(2990), None, Some(0), Some(4095)] {
+            bench.board.plant.borrow_mut().overrides.potentiometers[joint] = reading;
+            for ms in 0..100 {
+                bench.run_ms(1);
+                assert_eq!(bench.bridge(joint).0, 0, "{ms} ms after it reads {reading:?}");
+            }
+        }
+    }
+}
+
 /// Pulls the wheel's encoder under way, and plugs it in again when the channel has tripped.
 fn trip(bench: &mut Bench) {
     bench.drive(Quantity::Velocity, WHEEL, 8000, 0);

@@ -130,6 +130,21 @@ fn power_lost_at_any_byte_of_the_first_save_leaves_defaults_or_the_new_ones() {
 }
 
 #[test]
+fn power_lost_at_any_byte_of_the_first_save_and_in_the_next_one_too_loses_nothing_that_was_found() {
+    for (first, second) in (0..RECORD + 40).flat_map(|first| [(first, 0), (first, 600)]) {
+        let flash = Flash::empty();
+        flash.lose_power_after(first, false);
+        let _ = save(&flash, 1);
+        flash.restore_power();
+        let (found, _) = load(&flash);
+        flash.lose_power_after(second, false);
+        assert_eq!(save(&flash, 2), Err(SaveFailed));
+        flash.restore_power();
+        assert_eq!(load(&flash).0, found, "cut at {first}, then at {second}");
+    }
+}
+
+#[test]
 fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new() {
     let (flash, n) = save_until(|flash| flash.image()[RECORD / 2] != 0xFF);
     assert!((RECORD..RECORD + 128).contains(&cut_everywhere(&flash, n, 1)));
@@ -247,6 +262,34 @@ fn a_damaged_head_of_a_sector_costs_no_save_behind_it() {
                     assert_eq!(load(&flash), (settings(n + more), Origin::Stored), "{what}");
                 }
                 assert!(flash.erases() > 0);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_save_works_at_once_however_much_of_a_sector_is_damaged_before_it_gets_there() {
+    for spoiled in [0, 100, 700, RECORD, 2 * RECORD + 300] {
+        for (byte, count) in [(0xAA, 5000), (0xAA, 500), (0, 5000), (0xD1, SECTOR)] {
+            for cut in [0, 40, 300, 700] {
+                let flash = Flash::empty();
+                (1..=2).for_each(|n| save(&flash, n).unwrap());
+                let mut image = flash.image();
+                let free = image.iter().rposition(|&byte| byte != 0xFF).unwrap() + 1;
+                image[free + spoiled + RECORD / 2..][..4].fill(0xD1);
+                image[free + spoiled + RECORD..]
+                    .iter_mut()
+                    .take(count)
+                    .for_each(|place| *place = byte);
+                let flash = Flash::with(&image);
+                flash.lose_power_after(cut, false);
+                assert_eq!(save(&flash, 3), Err(SaveFailed));
+                assert!(flash.restore_power());
+                for n in 4..20 {
+                    let what = format!("{count} x {byte:02x} after {spoiled}, cut at {cut}, {n}");
+                    save(&flash, n).unwrap_or_else(|_| panic!("{what}: not saved"));
+                    assert_eq!(load(&flash), (settings(n), Origin::Stored), "{what}");
+                }
             }
         }
     }

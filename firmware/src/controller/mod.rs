@@ -141,7 +141,12 @@ impl Controller {
                 warning!("the host is silent: {} ms", link_timeout);
                 for channel in Channel::ALL {
                     let reading = self.reading(channel);
-                    self.axes[channel.index()].link_lost(reading);
+                    let axis = &mut self.axes[channel.index()];
+                    axis.link_lost(reading);
+                    // At once: a host that speaks in the next period would let it go on.
+                    if longest_move <= link_timeout {
+                        axis.end_move(reading);
+                    }
                 }
                 self.servos.iter_mut().for_each(Servo::link_lost);
                 let silence = i16::try_from(link_timeout).unwrap_or(i16::MAX);

@@ -98,15 +98,18 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`SaveFailed`]: the flash does not take them.
     pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
-        // Begun anew, so that the next one is a first record again if it is torn too.
-        if self.written() == Written::Begun {
+        // Begun anew, so that the next one is a first record again if it is torn too. Not one that lacks
+        // nothing but the filling of its last word: it can be read.
+        if self.written() == Written::Begun && self.stored(&mut feed).is_none() {
             self.erase(
                 self.range.start..self.range.start.saturating_add(F::ERASE_SIZE as u32),
                 &mut feed,
             );
         }
-        // In damaged flash the first try may only mend the map.
-        if self.append(settings, &mut feed) || self.append(settings, &mut feed) {
+        // In damaged flash a try may only mend the map, or find its place spoiled: the next one goes behind
+        // that, and there are no more places than these.
+        let size = self.range.end.saturating_sub(self.range.start) as usize;
+        if (0..=size / FIRST_END).any(|_| self.append(settings, &mut feed)) {
             return Ok(());
         }
         // Nothing readable is lost: while there was a record, the map took another one.

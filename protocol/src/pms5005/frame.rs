@@ -76,8 +76,8 @@ pub struct Frame<'a> {
 }
 
 impl<'a> Frame<'a> {
-    /// Takes an intact frame apart, as [`Receiver`] hands it out. `None` if it is too short to
-    /// be one; the checksum is the receiver's business.
+    /// Takes an intact frame apart, as [`Receiver`] hands it out. `None` if it is too short for its DATA;
+    /// what is behind that is the receiver's business.
     pub fn parse(frame: &'a [u8]) -> Option<Self> {
         let len = usize::from(*frame.get(LEN)?);
         Some(Self {

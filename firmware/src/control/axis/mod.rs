@@ -388,7 +388,9 @@ impl Axis {
     pub fn resume(&mut self, now: Reading) {
         self.halt = self.halt.filter(|&halt| halt != Halt::Suspension);
         if self.state == State::Paused {
-            let (target, left) = (self.target, self.course.left());
+            // One without a time may be under way for long too, by its acceleration.
+            let left = if self.is_timed { self.course.left() } else { 0 };
+            let target = self.target;
             self.engage(self.chosen_method.unwrap_or(self.method), now);
             if let Some(target) = target {
                 self.head_for(target, left, now);

@@ -141,6 +141,11 @@ impl Axis {
     fn within_soft_limits(&self, now: Reading, limits: &Limits) -> Limits {
         let mut limits = *limits;
         self.track.hold_within(now, self.full_speed, &mut limits);
+        if self.method == Method::Pwm && self.set_point == 0 {
+            // Neutral is a stop: nothing is braked, or a sensor that jumps would drive it.
+            limits.low = limits.low.min(Drive::ZERO);
+            limits.high = limits.high.max(Drive::ZERO);
+        }
         limits
     }
 

@@ -8,9 +8,9 @@ use firmware::channel::Channel;
 use firmware::controller::{ControlCounters, Snapshot};
 use firmware::safety::faults::Fault;
 use hal_mock::board::{Make, VirtualBoard};
-use hal_mock::plant::{FARTHEST_CM, Overrides, Scene};
-use hal_mock::scene_file;
+use hal_mock::plant::Scene;
 use hal_mock::wire::Line;
+use hal_mock::{inspector, scene_file};
 use protocol::extension::Counters;
 use protocol::pms5005::{Frame, MAX_FRAME, Pms5005 as Framing, RID_HOST, RID_PMS5005};
 use serde::Serialize;
@@ -19,7 +19,7 @@ use serde_json::{Map, Value, json};
 use crate::follow::{Follower, Format, Frames};
 use crate::machine::Machine;
 use crate::options::Options;
-use crate::values::{decimal, decimals, flags, number, numbers, shown, that_are_set};
+use crate::values::shown;
 
 /// The board that the options ask for, or in one line what is wrong with its files.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
@@ -93,55 +93,15 @@ impl Machine for VirtualBoard {
     }
 
     fn settable(&self) -> &'static [&'static str] {
-        &[
-            "pot",
-            "encoder",
-            "motor_current",
-            "custom_ad",
-            "human",
-            "tilt",
-            "overheat",
-            "temperature",
-            "ir_range",
-            "battery",
-            "reference",
-            "sonar_cm",
-            "ir_command",
-            "gpio_in",
-            "jam",
-            "unplugged",
-            "battery_v",
-            "wall_cm",
-            "seed",
-        ]
+        inspector::SETTABLE
     }
 
     fn overridden(&self) -> Map<String, Value> {
-        let plant = self.plant.borrow();
-        let mut all = that_are_set(json!(plant.overrides));
-        all.extend(that_are_set(json!({
-            "battery_v": plant.overrides.battery_v.map(|volts| volts.map(shown)),
-            "wall_cm": plant.placed_wall_cm().map(shown),
-            "seed": plant.reseeded(),
-        })));
-        all
+        inspector::overridden(&self.plant.borrow())
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        let mut changes = changes.clone();
-        let wall = changes.remove("wall_cm");
-        let wall = wall.map(|value| decimal("wall_cm", &value, FARTHEST_CM)).transpose()?;
-        let seed = changes.remove("seed");
-        let seed = seed.map(|value| number("seed", &value, u64::MAX)).transpose()?;
-        let mut plant = self.plant.borrow_mut();
-        plant.overrides = overridden(&plant.overrides, &changes)?;
-        if let Some(cm) = wall {
-            plant.place_wall(cm);
-        }
-        if let Some(seed) = seed {
-            plant.reseed(seed);
-        }
-        Ok(())
+        inspector::set(&mut self.plant.borrow_mut(), changes)
     }
 }
 
@@ -236,36 +196,6 @@ pub fn latched(snapshot: &Snapshot) -> impl Iterator<Item = String> {
         channel.map_or(name.clone(), |channel| format!("{name} {}", channel.index()))
     };
     snapshot.faults.iter().filter(|&(fault, _)| fault != Fault::LinkLoss).map(name)
-}
-
-/// The overrides with some of them changed; an error names the key, and nothing is changed.
-fn overridden(old: &Overrides, changes: &Map<String, Value>) -> Result<Overrides, String> {
-    const AD: u64 = 4095;
-    const MOST_VOLTS: f32 = 1000.0;
-    let mut new = old.clone();
-    for (key, value) in changes {
-        match key.as_str() {
-            "pot" => new.potentiometers = numbers(key, value, AD)?,
-            "encoder" => new.encoders = numbers(key, value, u16::MAX.into())?,
-            "motor_current" => new.currents = numbers(key, value, AD)?,
-            "custom_ad" => new.custom_ad = numbers(key, value, AD)?,
-            "human" => new.human = numbers(key, value, AD)?,
-            "tilt" => new.tilt = numbers(key, value, AD)?,
-            "overheat" => new.overheat = numbers(key, value, AD)?,
-            "temperature" => new.temperature = number(key, value, AD)?,
-            "ir_range" => new.ir_range = number(key, value, AD)?,
-            "battery" => new.battery = numbers(key, value, AD)?,
-            "reference" => new.reference = numbers(key, value, AD)?,
-            "sonar_cm" => new.sonar_cm = numbers(key, value, 255)?,
-            "ir_command" => new.ir_command = numbers(key, value, 255)?,
-            "gpio_in" => new.gpio_in = number(key, value, 255)?,
-            "jam" => new.jam = flags(key, value)?,
-            "unplugged" => new.unplugged = flags(key, value)?,
-            "battery_v" => new.battery_v = decimals(key, value, MOST_VOLTS)?,
-            _ => return Err(format!("{key}: cannot be set")),
-        }
-    }
-    Ok(new)
 }
 
 /// The frames of a host, for the log.
