@@ -140,14 +140,16 @@ impl<S: Session + 'static> Board<S> {
                     assert!(self.before.outputs.are_off(), "saved while something is driven");
                     (self.saved, self.being_saved) = (Some(settings), None);
                     self.saves += 1;
-                    self.model.is_held = false;
+                    self.model.is_held = !self.has_started();
                 }
                 // What a flash without power has taken of them is known after the next start.
                 (Err(_), Some(settings)) => {
-                    (self.being_saved, self.model.is_held) = (Some(settings), false);
+                    (self.being_saved, self.model.is_held) = (Some(settings), !self.has_started());
                 }
                 (Ok(()), None) => {} // until it starts
-                (Err(_), None) => (self.is_starting, self.model.is_held) = (false, false),
+                (Err(_), None) => {
+                    (self.is_starting, self.model.is_held) = (false, !self.has_started());
+                }
             },
         }
     }

@@ -302,7 +302,8 @@ impl Model {
             }
         }
         if now.faults.stops_servos() {
-            for servo in &mut self.servos {
+            // What was asked a moment ago may come behind the fault's end.
+            for servo in self.servos.iter_mut().filter(|servo| period - servo.since > SLACK) {
                 (servo.may_be_on, servo.since) = (false, period);
                 servo.rests = Some(servo.rests.unwrap_or(period));
             }
