@@ -22,7 +22,6 @@ mod pty;
 mod servos;
 mod signals;
 mod status;
-mod values;
 
 use std::process::ExitCode;
 use std::sync::Arc;

@@ -15,7 +15,7 @@ use crate::follow::{Follower, Format, Frames};
 use crate::machine::Machine;
 use crate::options::Options;
 use crate::pms5005::{counted, latched};
-use crate::values::{numbers, that_are_set};
+use hal_mock::inspector::values::{numbers, that_are_set};
 
 /// The board that the options ask for, or in one line what is wrong with its file. A dialect on the
 /// command line goes before the one in the settings.

@@ -19,7 +19,7 @@ use serde_json::{Map, Value, json};
 use crate::follow::{Follower, Format, Frames};
 use crate::machine::Machine;
 use crate::options::Options;
-use crate::values::shown;
+use hal_mock::inspector::values::shown;
 
 /// The board that the options ask for, or in one line what is wrong with its files.
 pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {

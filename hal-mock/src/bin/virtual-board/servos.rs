@@ -6,7 +6,7 @@ use hal_mock::servo_bus::{Faults, ServoBus};
 use protocol::dynamixel::{Errors, Register};
 use serde_json::{Map, Value, json};
 
-use crate::values;
+use hal_mock::inspector::values;
 
 /// The highest ID of a servo.
 const HIGHEST_ID: u8 = 253;
