@@ -129,6 +129,7 @@ impl Trial {
         control.board_faults.motor_battery_high = 3000;
         control.board_faults.missed_periods = 1;
         control.channel_faults.thermal_s = 1; // or hardly any motor is hot before it is commanded anew
+        control.channel_faults.over_current_ms = 500; // nor is any for long enough
         control.soft_limits[world::LIMITED] = world::SOFT;
         let board = Board::new(settings, choices, Pms5005::new);
         Self { board, wire: Wire::default(), counted: Counted::default() }
