@@ -229,6 +229,23 @@ fn a_running_channel_that_is_suspended_is_paused_and_goes_on_when_it_is_resumed(
 }
 
 #[test]
+fn a_stop_that_is_refused_leaves_a_paused_move_as_it_was() {
+    let mut bench = bench();
+    set_going(&mut bench, Motion::Position);
+    bench.configure(&[Parameter::Method(Channel::ALL[WHEEL], Method::Position)]);
+    bench.send(run(Scope::All, false));
+    bench.run_alive_ms(COASTS_MS);
+    let refused = bench.board.refused();
+    bench.drive(Quantity::Velocity, WHEEL, 0, 0);
+    bench.run_alive_ms(20);
+    assert_eq!(bench.board.refused(), refused + 1, "a position was chosen for it");
+    assert_eq!(bench.bridge(WHEEL), (0, false));
+    bench.send(run(Scope::All, true));
+    bench.run_alive_ms(300);
+    assert!(bench.velocity(WHEEL) > 300.0, "{}", bench.velocity(WHEEL));
+}
+
+#[test]
 fn a_timed_move_that_silence_stops_stays_stopped_although_the_host_speaks_a_moment_later() {
     for late in 0..4 {
         let mut bench = bench();

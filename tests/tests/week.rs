@@ -27,8 +27,11 @@ fn play(seeds: Range<u64>, ms: u64) -> Vec<Seen> {
         trial.seen()
     };
     let seen: Vec<_> = thread::scope(|scope| {
-        let all: Vec<_> = seeds.map(|seed| scope.spawn(move || one(seed))).collect();
-        all.into_iter().map(|one| one.join().unwrap()).collect()
+        let named = |seed| thread::Builder::new().name(format!("seed {seed}"));
+        let all: Vec<_> = seeds
+            .map(|seed| named(seed).spawn_scoped(scope, move || one(seed)).expect("a thread"))
+            .collect();
+        all.into_iter().map(|one| one.join().expect("a seed's promise is broken")).collect()
     });
     for seen in &seen {
         println!("{seen:?}");

@@ -43,6 +43,8 @@ pub(super) struct Board<S: Session> {
     pub ms: u64,
     pub faults: [u32; 32],
     pub starts: u32,
+    /// When it last did: what its line had brought by then is of the session before.
+    pub started: Instant,
     pub saves: u32,
 }
 
@@ -58,7 +60,7 @@ impl<S: Session + 'static> Board<S> {
         let log = Log::default();
         let listens = log.clone();
         let it = VirtualBoard::with_session(make, Flash::empty(), move |settings, boot, now| {
-            Watched::new(session(settings, boot, now), boot, &listens)
+            Watched::new(session(settings, boot, now), boot, now, &listens)
         });
         let mut board = Self {
             it,
@@ -76,6 +78,7 @@ impl<S: Session + 'static> Board<S> {
             ms: 0,
             faults: [0; 32],
             starts: 0,
+            started: Instant::MIN,
             saves: 0,
         };
         board.pass();
@@ -84,20 +87,28 @@ impl<S: Session + 'static> Board<S> {
 
     /// A millisecond passes.
     pub fn pass(&mut self) {
-        self.it.run_for(Duration::from_millis(1));
+        let end = Instant::now() + Duration::from_millis(1);
+        // A period that comes late is looked at by itself: those on time begin with a millisecond.
+        for time in [end - Duration::from_ticks(1), end] {
+            self.it.run_until(time);
+            self.look();
+        }
         self.ms += 1;
-        self.now = self.it.snapshot();
+    }
+
+    fn look(&mut self) {
+        let mut last = std::mem::replace(&mut self.now, self.it.snapshot());
         while let Some(event) = { self.log.borrow_mut().pop_front() } {
             self.heed(event);
         }
         // A start and a period may fall into the same millisecond.
-        if self.now.counters.periods < self.before.counters.periods {
-            self.before = Snapshot::BOOT;
+        if self.now.counters.periods < last.counters.periods {
+            (last, self.before) = (Snapshot::BOOT, Snapshot::BOOT);
         }
-        let (now, before) = (&self.now, &self.before);
+        let now = &self.now;
         self.model.look(now, &self.it.plant.borrow());
-        if now.faults != before.faults {
-            let news = now.faults.iter().filter(|&(fault, of)| !before.faults.has(fault, of));
+        if now.faults != last.faults {
+            let news = now.faults.iter().filter(|&(fault, of)| !last.faults.has(fault, of));
             news.for_each(|(fault, _)| self.faults[usize::from(fault.number())] += 1);
         }
     }
@@ -110,8 +121,8 @@ impl<S: Session + 'static> Board<S> {
     /// What has come of the session.
     fn heed(&mut self, event: Event) {
         match event {
-            Event::Started(settings, boot) => {
-                self.starts += 1;
+            Event::Started(settings, boot, at) => {
+                (self.starts, self.started) = (self.starts + 1, at);
                 let is_expected = match boot.reset {
                     ResetCause::Software => self.is_starting,
                     reset => self.reset == Some(reset),

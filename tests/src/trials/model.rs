@@ -48,6 +48,9 @@ struct Motor {
     /// The last motion command that the controller may still be about to carry out: whether it is a
     /// stop, how long it takes, and when it was given.
     coming: Option<(bool, u16, u32)>,
+    /// When it was last given while another was still coming. If one of them is refused, the one that
+    /// moved the channel may be another than was thought.
+    doubted: Option<u32>,
     latched_for: u32,
     /// A setting may have stopped it since, as silence would.
     may_age: bool,
@@ -99,6 +102,7 @@ impl Model {
             asked: Asked::Nothing,
             since: 0,
             coming: None,
+            doubted: None,
             latched_for: 0,
             may_age: false,
             before: motor,
@@ -126,6 +130,7 @@ impl Model {
                 self.moves.push(period);
                 for (motor, target) in self.motors.iter_mut().zip(targets) {
                     if let Some(target) = target {
+                        motor.doubted = motor.coming.map(|_| period).or(motor.doubted);
                         motor.coming = Some((is_stop(method, target), periods, period));
                     }
                 }
@@ -200,13 +205,19 @@ impl Model {
     /// # Panics
     /// If a promise is broken.
     pub fn look(&mut self, now: &Snapshot, plant: &Plant) {
-        if now.counters.periods == self.before.counters.periods {
-            return;
+        match now.counters.periods - self.before.counters.periods {
+            0 => return,
+            news => assert_eq!(news, 1, "a period that nobody has looked at"),
         }
         if self.is_held {
             // What waits is done later.
             let period = now.counters.periods;
-            self.motors.iter_mut().for_each(|motor| motor.since = period);
+            for motor in &mut self.motors {
+                motor.since = period;
+                motor.coming = motor.coming.map(|(is_stop, periods, _)| (is_stop, periods, period));
+                motor.doubted = motor.doubted.map(|_| period);
+            }
+            self.moves.fill(period);
             self.servos.iter_mut().for_each(|servo| servo.since = period);
             self.settled = period;
         }
@@ -245,15 +256,13 @@ impl Model {
             assert_eq!(now.moved.bits(), 0, "a command that was refused moves something");
         }
         let lost = now.counters.links_lost != self.before.counters.links_lost;
-        // Control that came late makes two periods in a millisecond, of which one is not seen.
-        let is_one_unseen = period - self.before.counters.periods > 1;
         for channel in Channel::ALL {
             let i = channel.index();
             let accelerates = self.all_settings().any(|all| all.channels[i].acceleration > 0);
             let ages = self.all_settings().any(|all| all.oldest_command > 0);
             let may_go_on = self.all_settings().any(|all| all.longest_move > 0);
             let motor = &mut self.motors[i];
-            let has_moved = now.moved.has(channel) || (is_one_unseen && motor.coming.is_some());
+            let has_moved = now.moved.has(channel);
             motor.may_age = ages || motor.may_age && !has_moved;
             if has_moved {
                 motor.asked = match motor.coming.take() {
@@ -268,13 +277,10 @@ impl Model {
                     None => Asked::Motion { timed: true },
                 };
                 motor.since = period;
-            } else if is_ambiguous && period - motor.since <= SLACK && motor.asked != Asked::Nothing
-            {
+            } else if is_ambiguous && motor.doubted.is_some_and(|at| period - at <= SLACK) {
                 (motor.asked, motor.since) = (Asked::Unknown, period);
             }
-            if !self.is_held {
-                motor.coming = motor.coming.filter(|(.., at)| period - at <= SLACK);
-            }
+            motor.coming = motor.coming.filter(|(.., at)| period - at <= SLACK);
             if lost {
                 motor.asked = match (motor.asked, now.channels[i].set_point) {
                     (Asked::Nothing | Asked::Pause { .. }, _) => Asked::Nothing,

@@ -13,8 +13,8 @@ use firmware::settings::{ControlSettings, Settings};
 
 /// What has come of a session.
 pub enum Event {
-    /// The board has started, with these settings.
-    Started(Box<Settings>, Boot),
+    /// The board has started then, with these settings.
+    Started(Box<Settings>, Boot, Instant),
     /// The controller is to do something.
     Asked(Command),
     /// The controller is to go by these settings.
@@ -38,9 +38,9 @@ pub struct Watched<S> {
 
 impl<S: Session> Watched<S> {
     /// A board's session that has just been made.
-    pub fn new(session: S, boot: Boot, log: &Log) -> Self {
+    pub fn new(session: S, boot: Boot, now: Instant, log: &Log) -> Self {
         let settings = Box::new(*session.settings());
-        log.borrow_mut().push_back(Event::Started(settings, boot));
+        log.borrow_mut().push_back(Event::Started(settings, boot, now));
         Self { session, log: log.clone() }
     }
 
