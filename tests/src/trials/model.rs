@@ -148,7 +148,8 @@ impl Model {
             Command::Run { scope, run } => self.run(scope, run, period),
             Command::SetCount { channel, .. } => {
                 let motor = &mut self.motors[channel.index()];
-                if let Asked::Pause { .. } = motor.asked {
+                // A move that is still to come may be paused before the count is set.
+                if motor.coming.take().is_some() || matches!(motor.asked, Asked::Pause { .. }) {
                     (motor.asked, motor.since) = (Asked::Unknown, period);
                 }
             }
