@@ -1,11 +1,18 @@
 //! Other hosts, Ctrl-C, and the other boards.
 
+use std::cell::RefCell;
+use std::io;
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::Duration;
 
+use hal_mock::board::{Make, VirtualBoard};
+use handwheel::Client;
 use handwheel::cli::Interrupt;
-use protocol::extension::VERSION;
+use handwheel::session::Session;
+use handwheel::transport::Transport;
+use protocol::extension::{Mode, VERSION};
+use protocol::pms5005::{Addressing, Command, Move, Quantity, Scope};
 use serde_json::{Value, json};
 
 use crate::commands::directory;
@@ -215,4 +222,55 @@ fn a_cm5_gets_info_and_watch_and_says_what_it_has_not() {
         (&last["servos"][1]["id"], &last["servos"][1]["voltage_v"]),
         (&json!(7), &json!(12.0))
     );
+}
+
+thread_local! {
+    static BOARD: RefCell<VirtualBoard> = RefCell::new(VirtualBoard::new(Make { line_rate: 0, ..Make::default() }));
+}
+
+/// The line to this thread's board, whose time passes while somebody reads.
+struct Virtual;
+
+impl Transport for Virtual {
+    fn read(&mut self, buffer: &mut [u8], patience: Duration) -> io::Result<usize> {
+        BOARD.with_borrow_mut(|board| {
+            let end = embassy_time::Instant::now()
+                + embassy_time::Duration::from_micros(patience.as_micros() as u64);
+            loop {
+                if let Some((_, frame)) = board.line.host_receives() {
+                    buffer[..frame.len()].copy_from_slice(&frame);
+                    return Ok(frame.len());
+                }
+                if embassy_time::Instant::now() >= end {
+                    return Ok(0);
+                }
+                board.run_for(embassy_time::Duration::from_millis(1));
+            }
+        })
+    }
+
+    fn write(&mut self, frame: &[u8]) -> io::Result<()> {
+        BOARD.with_borrow(|board| board.line.host_sends(frame));
+        Ok(())
+    }
+}
+
+#[test]
+fn a_motor_that_was_stopped_an_instant_ago_is_no_other_hosts() {
+    let say = |command: Command| {
+        let mut buffer = [0; 100];
+        BOARD.with_borrow(|board| board.line.host_sends(command.encode(0, &mut buffer).unwrap()));
+    };
+    let link = "tcp:virtual:1".parse().unwrap();
+    let mut client = Client::over(link, Box::new(Virtual), Session::new()).unwrap();
+    // Acknowledged, a stop is carried out in the next control period: the state of this one does not know it.
+    for (look, runs) in [(Client::state as fn(&mut _) -> _, true), (Client::state_at_rest, false)] {
+        let targets = [None, Some(2000), None, None, None, None];
+        let (quantity, addressing) = (Quantity::Velocity, Addressing::List);
+        say(Command::Move(Move { quantity, addressing, targets, periods: 0 }));
+        BOARD.with_borrow_mut(|board| board.run_for(embassy_time::Duration::from_millis(100)));
+        say(Command::Run { scope: Scope::All, run: false });
+        let state = look(&mut client).unwrap().unwrap();
+        assert_eq!(state.channels[1].mode != Mode::Off, runs, "{state:?}");
+    }
 }

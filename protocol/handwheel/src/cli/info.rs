@@ -28,7 +28,7 @@ impl Context<'_, '_> {
         } else if personality == Personality::Pms5005 {
             self.say("an original, or a firmware without the extension: motion and telemetry, no settings, health or faults");
         }
-        if let Some(state) = client.state()? {
+        if let Some(state) = client.state_at_rest()? {
             self.state(&state, &mut object);
         }
         self.tell(&Value::Object(object));

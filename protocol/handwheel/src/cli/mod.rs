@@ -441,7 +441,7 @@ impl Context<'_, '_> {
 
     /// Says so when another host drives, in words; for an answer in JSON, the motors.
     fn others(&mut self, client: &mut Client) -> Result<Value, Error> {
-        let driven = match client.state()? {
+        let driven = match client.state_at_rest()? {
             Some(state) => crate::client::driven(&state),
             None => Vec::new(),
         };

@@ -32,7 +32,7 @@ impl Context<'_, '_> {
             opened.map_err(|error| Error::File(format!("{}: {error}", file.display())))?;
         }
         let mut client = self.connect()?;
-        let before = client.state()?.ok_or(Error::NotCarried(
+        let before = client.state_at_rest()?.ok_or(Error::NotCarried(
             client.personality(),
             "machine state to sample",
             "; its firmware is older, or the line slower than 16,000 baud",

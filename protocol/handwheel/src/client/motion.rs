@@ -68,21 +68,31 @@ impl Client {
         Ok(drive)
     }
 
-    /// The machine state, with this motor off; `None` from a board that does not tell it.
-    pub(super) fn state_off(&mut self, motor: Number) -> Result<Option<MachineState>, Error> {
+    /// The machine state before something is driven. What a board tells may be older than the last stop: what is
+    /// on is looked at again for a moment.
+    ///
+    /// # Errors
+    /// As [`state`](Self::state).
+    pub fn state_at_rest(&mut self) -> Result<Option<MachineState>, Error> {
         let end = self.now() + GRACE;
         loop {
             let state = self.state()?;
-            if state.is_none_or(|state| !on(&state)[motor.index()]) {
+            if state.is_none_or(|state| on(&state) == [false; CHANNELS]) || self.now() >= end {
                 return Ok(state);
-            }
-            if self.now() >= end {
-                return Err(Error::Stopped(format!(
-                    "motor {motor} is driven already; `handwheel stop` first, or end the other host"
-                )));
             }
             self.pump(TICK)?;
         }
+    }
+
+    /// The same, with this motor off; `None` from a board that does not tell it.
+    pub(super) fn state_off(&mut self, motor: Number) -> Result<Option<MachineState>, Error> {
+        let state = self.state_at_rest()?;
+        if state.is_some_and(|state| on(&state)[motor.index()]) {
+            return Err(Error::Stopped(format!(
+                "motor {motor} is driven already; `handwheel stop` first, or end the other host"
+            )));
+        }
+        Ok(state)
     }
 
     /// How often a sign of life is due.
