@@ -10,11 +10,11 @@
 //! - [`tasks`]: the firmware's own tasks over the plant and the clock;
 //! - [`wire`]: the serial line, paced like a UART;
 //! - [`flash`]: the memory for the settings, which may lose power at any byte;
-//! - [`inspector`]: what of the world can be changed from outside, in JSON;
 //! - [`servo_bus`]: AX-12 servos on their one wire;
 //! - [`board`]: all of these but the servo bus: a [`board::VirtualBoard`];
 //! - [`cm5_board`]: the CM-5's bridge over a line and a servo bus: a [`cm5_board::Cm5Board`];
-//! - [`pass_through_board`]: the same as a pass-through.
+//! - [`pass_through_board`]: the same as a pass-through;
+//! - [`machine`]: any of them, as JSON shows and sets it, and [`scene_file`]: a world in TOML.
 //!
 //! Tests move the clock by hand; the program `virtual-board` moves it with the wall clock. The
 //! first three need no operating system: the image `src/bin/qemu` runs the same tasks over the
@@ -32,13 +32,13 @@ pub mod board;
 pub mod cm5_board;
 #[cfg(feature = "std")]
 pub mod flash;
-#[cfg(feature = "std")]
-pub mod inspector;
+#[cfg(feature = "json")]
+pub mod machine;
 #[cfg(feature = "std")]
 pub mod pass_through_board;
 #[cfg(feature = "std")]
 pub mod running;
-#[cfg(feature = "std")]
+#[cfg(feature = "json")]
 pub mod scene_file;
 #[cfg(feature = "std")]
 pub mod servo_bus;

@@ -31,16 +31,16 @@ pub const STEP_S: f32 = 0.001;
 
 /// What a user has put in place of the simulation. `None` is the simulation's own.
 #[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "std", derive(serde::Serialize))]
+#[cfg_attr(feature = "json", derive(serde::Serialize))]
 pub struct Overrides {
     /// Potentiometers, A/D counts.
-    #[cfg_attr(feature = "std", serde(rename = "pot"))]
+    #[cfg_attr(feature = "json", serde(rename = "pot"))]
     pub potentiometers: [Option<u16>; 6],
     /// Encoders' counters.
-    #[cfg_attr(feature = "std", serde(rename = "encoder"))]
+    #[cfg_attr(feature = "json", serde(rename = "encoder"))]
     pub encoders: [Option<u16>; 2],
     /// Motor currents, A/D counts.
-    #[cfg_attr(feature = "std", serde(rename = "motor_current"))]
+    #[cfg_attr(feature = "json", serde(rename = "motor_current"))]
     pub currents: [Option<u16>; 6],
     /// Custom A/D channels, A/D counts.
     pub custom_ad: [Option<u16>; 8],
@@ -71,10 +71,10 @@ pub struct Overrides {
     /// that of a motor without one: the middle of the range.
     pub unplugged: [Option<bool>; 6],
     /// The batteries themselves: board, motors without load, servos; volts, 0 or more.
-    #[cfg_attr(feature = "std", serde(skip))]
+    #[cfg_attr(feature = "json", serde(skip))]
     pub battery_v: [Option<f32>; 3],
     /// The display's bus hangs: nothing is shown any more.
-    #[cfg_attr(feature = "std", serde(skip))]
+    #[cfg_attr(feature = "json", serde(skip))]
     pub lcd_hangs: bool,
 }
 

@@ -5,8 +5,8 @@ use core::array;
 
 /// The sensor on a motor's shaft.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "std", derive(serde::Deserialize))]
-#[cfg_attr(feature = "std", serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "json", derive(serde::Deserialize))]
+#[cfg_attr(feature = "json", serde(rename_all = "kebab-case"))]
 pub enum ShaftSensor {
     /// A quadrature encoder (channels 0 and 1).
     Encoder,
@@ -69,8 +69,8 @@ impl MotorScene {
 
 /// The batteries, in volts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(serde::Deserialize))]
-#[cfg_attr(feature = "std", serde(default, deny_unknown_fields))]
+#[cfg_attr(feature = "json", derive(serde::Deserialize))]
+#[cfg_attr(feature = "json", serde(default, deny_unknown_fields))]
 pub struct BatteryScene {
     /// Main board.
     pub main_v: f32,
@@ -98,8 +98,8 @@ impl Default for BatteryScene {
 
 /// What the sensors see.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(serde::Deserialize))]
-#[cfg_attr(feature = "std", serde(default, deny_unknown_fields))]
+#[cfg_attr(feature = "json", derive(serde::Deserialize))]
+#[cfg_attr(feature = "json", serde(default, deny_unknown_fields))]
 pub struct Environment {
     /// Ultrasonic ranges in cm, 255 for nothing in range.
     pub sonar_cm: [u8; 6],
@@ -140,8 +140,8 @@ impl Default for Environment {
 
 /// What is broken from the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "std", derive(serde::Deserialize))]
-#[cfg_attr(feature = "std", serde(default, deny_unknown_fields))]
+#[cfg_attr(feature = "json", derive(serde::Deserialize))]
+#[cfg_attr(feature = "json", serde(default, deny_unknown_fields))]
 pub struct FaultScene {
     /// Blocked shafts.
     pub jam: [bool; 6],

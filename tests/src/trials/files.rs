@@ -7,8 +7,9 @@ use std::sync::OnceLock;
 use firmware::ports::MotorOutput;
 use firmware::settings::Settings;
 use firmware::units::{Duty, ServoPulse};
+use hal_mock::machine::world;
 use hal_mock::plant::{Plant, Scene};
-use hal_mock::{inspector, scene_file};
+use hal_mock::scene_file;
 use handwheel::backup;
 use handwheel::session::{Personality, Setting};
 use protocol::extension::{Identity, Origin, ResetCause, Unit, VERSION};
@@ -157,7 +158,7 @@ fn changed_backup(choices: &mut Choices) -> String {
 fn question(choices: &mut Choices) -> Map<String, Value> {
     let mut changes = Map::new();
     for _ in 0..1 + choices.below(4) {
-        let key = choices.among(inspector::SETTABLE);
+        let key = choices.among(world::SETTABLE);
         let values = [
             json!(null),
             json!(0),
@@ -183,16 +184,16 @@ fn question(choices: &mut Choices) -> Map<String, Value> {
 /// Sets what is asked, or nothing; what is set can be set again, and is the same then.
 fn inspect(changes: &Map<String, Value>) {
     let mut plant = Plant::new(Scene::default(), 1);
-    let before = inspector::overridden(&plant);
-    if let Err(error) = inspector::set(&mut plant, changes) {
+    let before = world::overridden(&plant);
+    if let Err(error) = world::set(&mut plant, changes) {
         refused(&error);
-        assert_eq!(inspector::overridden(&plant), before, "it was refused, and changed: {error}");
+        assert_eq!(world::overridden(&plant), before, "it was refused, and changed: {error}");
         return;
     }
-    let now = inspector::overridden(&plant);
+    let now = world::overridden(&plant);
     let mut again = Plant::new(Scene::default(), 1);
-    inspector::set(&mut again, &now).expect("what is told can be set");
-    assert_eq!(inspector::overridden(&again), now);
+    world::set(&mut again, &now).expect("what is told can be set");
+    assert_eq!(world::overridden(&again), now);
     moves(plant);
 }
 

@@ -1,64 +1,19 @@
-//! A bus of AX-12 servos as a [`Machine`]: what a host finds behind a USB adapter for the bus.
-//!
-//! The adapter keeps the echo to itself, and takes no time of its own; the bus is paced. Servos are
-//! named by the IDs they had in the beginning, whatever a host makes of them.
+//! The bus of AX-12 servos that the options ask for, and how its adapter's line is served.
 
-use std::task::Waker;
-
-use embassy_time::Instant;
-use hal_mock::clock;
+use hal_mock::machine::Ax12Bus;
 use hal_mock::plant::Ax12;
-use hal_mock::servo_bus::{Faults, Make, ServoBus};
-use hal_mock::wire::Line;
+use hal_mock::servo_bus::Make;
 use protocol::dynamixel::{Dynamixel, MAX_PACKET, Packet};
-use serde_json::{Map, Value, json};
 
 use crate::follow::{Follower, Format, Frames};
-use crate::machine::Machine;
+use crate::machine::Served;
 use crate::options::Options;
-use crate::servos;
-
-/// How much the adapter takes from its host in advance. The rest waits on the line.
-const AHEAD_NS: u64 = 5_000_000;
-
-struct Ax12Bus {
-    bus: ServoBus,
-    faults: Faults,
-    /// The IDs in the beginning.
-    ids: Vec<u8>,
-    line: Line,
-}
 
 /// The bus that the options ask for, or in one line what is wrong with them.
-pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let (ids, faults) = (options.servos()?, options.bus_faults()?);
-    clock::reset();
-    let (baud, seed) = (options.line_rate(), options.seed(None));
-    let make = Make { baud, echo: false, faults, seed, ..Make::default() };
-    Ok(Box::new(Ax12Bus {
-        bus: ServoBus::new(make, ids.iter().copied().map(Ax12::new)),
-        faults,
-        ids,
-        line: Line::new(0),
-    }))
-}
-
-fn ns(time: Instant) -> u64 {
-    time.as_micros() * 1000
-}
-
-impl Ax12Bus {
-    /// Lets the adapter take what its host has sent, as far as the bus can follow.
-    fn take(&mut self, now_ns: u64) {
-        let mut buffer = [0; 64];
-        while self.bus.sending_until_ns() < now_ns + AHEAD_NS {
-            let count = self.line.board_receives(&mut buffer);
-            if count == 0 {
-                break;
-            }
-            self.bus.send(now_ns, &buffer[..count]);
-        }
-    }
+pub fn machine(options: &Options) -> Result<Box<dyn Served>, String> {
+    let servos = options.servos()?.into_iter().map(Ax12::new).collect();
+    let (baud, faults, seed) = (options.line_rate(), options.bus_faults()?, options.seed(None));
+    Ok(Box::new(Ax12Bus::new(Make { baud, faults, seed, ..Make::default() }, servos)))
 }
 
 /// Tells the packets of a master apart.
@@ -66,57 +21,9 @@ pub fn follower() -> Box<dyn Follower> {
     Box::new(Frames::<Dynamixel, MAX_PACKET>::new(FORMAT))
 }
 
-impl Machine for Ax12Bus {
-    fn name(&self) -> &'static str {
-        "AX-12 bus"
-    }
-
-    fn line(&self) -> &Line {
-        &self.line
-    }
-
+impl Served for Ax12Bus {
     fn follower(&self) -> Box<dyn Follower> {
         follower()
-    }
-
-    fn run_until(&mut self, time: Instant) {
-        self.take(ns(Instant::now()));
-        clock::advance_to(time);
-        self.bus.advance_to(ns(time));
-        let heard: Vec<u8> =
-            std::iter::from_fn(|| self.bus.receive()).map(|(_, byte)| byte).collect();
-        if !heard.is_empty() {
-            self.line.board_sends(&heard);
-        }
-        if let Some(next) = self.bus.next_ns() {
-            // Nobody is woken: the program sleeps until the next alarm.
-            embassy_time_driver::schedule_wake(next.div_ceil(1000), Waker::noop());
-        }
-    }
-
-    fn status(&self) -> String {
-        format!("positions={}", servos::positions(self.bus.servos()))
-    }
-
-    fn faults(&self) -> Vec<String> {
-        servos::errors(self.bus.servos())
-    }
-
-    fn state(&self) -> Value {
-        let servos = self.bus.servos().map(|(servo, plugged)| servos::state(servo, plugged));
-        json!({ "t_ms": Instant::now().as_millis(), "servos": servos.collect::<Vec<_>>() })
-    }
-
-    fn settable(&self) -> &'static [&'static str] {
-        &servos::SETTABLE
-    }
-
-    fn overridden(&self) -> Map<String, Value> {
-        servos::overridden(&self.bus, &self.ids, &self.faults)
-    }
-
-    fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        servos::set(&mut self.bus, &self.ids, &mut self.faults, changes)
     }
 }
 

@@ -1,52 +1,30 @@
-//! The CM-5 as a [`Machine`]: the bridge, and the simulated servos on its bus. Servos are named by
-//! the IDs they had in the beginning.
+//! The CM-5 that the options ask for, a bridge or a pass-through, and how its line is served.
 
-use embassy_time::Instant;
-use firmware::bridge::{BridgeCounters, BusServo};
-use hal_mock::cm5_board::{Cm5Board, Make};
+use hal_mock::machine::{Cm5, PassThrough};
 use hal_mock::plant::Ax12;
-use hal_mock::servo_bus::{self, Faults};
-use hal_mock::wire::Line;
+use hal_mock::{cm5_board, pass_through_board, servo_bus};
 use protocol::cm5::{self, MAX_PACKET};
-use protocol::dynamixel::Register;
-use serde_json::{Map, Value, json};
 
+use crate::ax12_bus;
 use crate::follow::{Follower, Format, Frames};
-use crate::machine::Machine;
+use crate::machine::Served;
 use crate::options::Options;
-use crate::{pass_through, servos};
-
-struct Cm5 {
-    board: Cm5Board,
-    faults: Faults,
-    /// The IDs in the beginning.
-    ids: Vec<u8>,
-}
 
 /// The CM-5 that the options ask for, or in one line what is wrong with them.
-pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    if options.pass_through {
-        return pass_through::machine(options);
-    }
-    let (ids, faults) = (options.servos()?, options.bus_faults()?);
-    let board = Cm5Board::new(Make {
-        servos: ids.iter().copied().map(Ax12::new).collect(),
-        bus: servo_bus::Make { faults, seed: options.seed(None), ..servo_bus::Make::default() },
-        line_rate: options.line_rate(),
-        ..Make::default()
-    });
-    Ok(Box::new(Cm5 { board, faults, ids }))
+pub fn machine(options: &Options) -> Result<Box<dyn Served>, String> {
+    let servos = options.servos()?.into_iter().map(Ax12::new).collect();
+    let (faults, seed) = (options.bus_faults()?, options.seed(None));
+    let (bus, line_rate) =
+        (servo_bus::Make { faults, seed, ..servo_bus::Make::default() }, options.line_rate());
+    Ok(if options.pass_through {
+        Box::new(PassThrough::new(pass_through_board::Make { servos, bus, line_rate }))
+    } else {
+        let make = cm5_board::Make { servos, bus, line_rate, ..cm5_board::Make::default() };
+        Box::new(Cm5::new(make))
+    })
 }
 
-impl Machine for Cm5 {
-    fn name(&self) -> &'static str {
-        "CM-5"
-    }
-
-    fn line(&self) -> &Line {
-        &self.board.line
-    }
-
+impl Served for Cm5 {
     /// A PC that reads slowly is to have the newest report: Linux takes twice this, which holds half
     /// a second of 18 servos' reports.
     fn send_buffer(&self) -> usize {
@@ -56,119 +34,12 @@ impl Machine for Cm5 {
     fn follower(&self) -> Box<dyn Follower> {
         Box::new(Frames::<cm5::Cm5, MAX_PACKET>::new(FORMAT))
     }
-
-    fn run_until(&mut self, time: Instant) {
-        self.board.run_until(time);
-    }
-
-    fn status(&self) -> String {
-        let bridge = self.board.bridge();
-        let BridgeCounters { pc, .. } = bridge.counters();
-        let (answering, known) = (bridge.servos().filter(answers).count(), bridge.servos().count());
-        format!(
-            "servos={answering}/{known} goals={} refused={} positions={}",
-            pc.goals,
-            pc.refused,
-            servos::positions(self.board.bus.bus().servos()),
-        )
-    }
-
-    fn faults(&self) -> Vec<String> {
-        let bridge = self.board.bridge();
-        let mut faults = servos::errors(self.board.bus.bus().servos());
-        let missing = bridge.servos().filter(|servo| servo.is_missing());
-        faults.extend(missing.map(|servo| format!("servo {} missing", servo.id.number())));
-        if bridge.pc_is_silent() {
-            faults.push("PC silent".into());
-        }
-        faults
-    }
-
-    fn state(&self) -> Value {
-        let bridge = self.board.bridge();
-        let bus = self.board.bus.bus();
-        let servos = bus.servos().map(|(servo, plugged)| {
-            let registers = Register::ALL
-                .iter()
-                .map(|register| (register.name.to_lowercase(), json!(servo.get(*register))));
-            let mut state = servos::state(servo, plugged);
-            state["registers"] = Value::Object(registers.collect());
-            let known = bridge.servos().find(|known| known.id.number() == servo.id());
-            state["bridge"] = known.map_or(Value::Null, of_servo);
-            state
-        });
-        let servos: Vec<_> = servos.collect();
-        json!({
-            "t_ms": Instant::now().as_millis(),
-            "servos": servos,
-            "searching": bridge.is_searching(),
-            "pc_silent": bridge.pc_is_silent(),
-            "bridge": of_bridge(&bridge.counters()),
-        })
-    }
-
-    fn settable(&self) -> &'static [&'static str] {
-        &servos::SETTABLE
-    }
-
-    fn overridden(&self) -> Map<String, Value> {
-        servos::overridden(&self.board.bus.bus(), &self.ids, &self.faults)
-    }
-
-    fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        servos::set(&mut self.board.bus.bus(), &self.ids, &mut self.faults, changes)
-    }
 }
 
-fn answers(servo: &&BusServo) -> bool {
-    servo.feedback.is_some()
-}
-
-/// What the bridge knows of a servo.
-fn of_servo(servo: &BusServo) -> Value {
-    let counters = servo.counters;
-    json!({
-        "agreed": servo.is_agreed(),
-        "missing": servo.is_missing(),
-        "stale": servo.feedback.is_none(),
-        "replies": counters.replies,
-        "time_outs": counters.time_outs,
-        "checksum_errors": counters.checksum_errors,
-        "error_replies": counters.error_replies,
-        "errors_seen": counters.errors_seen.to_string(),
-        "latency_us": counters.latency_us,
-        "longest_latency_us": counters.longest_latency_us,
-        "returns": counters.returns,
-        "eeprom_bytes": counters.eeprom_bytes,
-    })
-}
-
-fn of_bridge(counters: &BridgeCounters) -> Value {
-    let BridgeCounters { reception, pc, bus, cycles, newcomers, without_room } = counters;
-    json!({
-        "cycles": cycles,
-        "newcomers": newcomers,
-        "without_room": without_room,
-        "pc": {
-            "frames_ok": reception.frames_ok,
-            "bad_frames": reception.bad_frames,
-            "bytes_skipped": reception.bytes_skipped,
-            "hellos_sent": pc.hellos_sent,
-            "answers": pc.answers,
-            "goals": pc.goals,
-            "refused": pc.refused,
-            "reports_sent": pc.reports_sent,
-            "reports_skipped": pc.reports_skipped,
-            "silences": pc.silences,
-            "line_errors": pc.line_errors,
-        },
-        "bus": {
-            "instructions": bus.instructions,
-            "collisions": bus.collisions,
-            "stray_bytes": bus.stray_bytes,
-            "line_errors": bus.line_errors,
-        },
-    })
+impl Served for PassThrough {
+    fn follower(&self) -> Box<dyn Follower> {
+        ax12_bus::follower()
+    }
 }
 
 /// The packets of a PC, for the log.

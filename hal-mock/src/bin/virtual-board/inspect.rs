@@ -4,17 +4,15 @@
 //! `{"ok":true}`, or `{"error":"..."}` with nothing changed. The board comes first: one question of
 //! all clients' is answered a turn, and one of a client that has read its last answer.
 
+use hal_mock::machine::{Machine, ask};
 use rustix::fd::BorrowedFd;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::door::{Address, Door, Guest, Said};
 use crate::links::Links;
-use crate::machine::Machine;
 
 /// The longest question.
 const LONGEST_LINE: usize = 1 << 16;
-/// The key for the host's link, which every board has.
-const LINK: &str = "link";
 
 /// The window.
 pub struct Inspector {
@@ -133,58 +131,10 @@ fn answer(line: &[u8], machine: &mut dyn Machine, links: &Links) -> String {
     } else {
         serde_json::from_slice::<Value>(line)
             .map_err(|e| format!("not a JSON object: {e}"))
-            .and_then(|question| ask(&question, machine, links))
+            .and_then(|question| ask(&question, machine, || links.state()))
     };
     match result {
         Ok(answer) => answer.to_string(),
         Err(error) => json!({ "error": error }).to_string(),
     }
-}
-
-/// The answer to a question, or in one line what is wrong with it.
-pub(crate) fn ask(
-    question: &Value,
-    machine: &mut dyn Machine,
-    links: &Links,
-) -> Result<Value, String> {
-    let wanted = "expected {\"get\":\"state\"} or {\"set\":{...}}";
-    let object = question.as_object().filter(|object| object.len() == 1).ok_or(wanted)?;
-    match object.iter().next() {
-        Some((key, Value::String(what))) if key == "get" && what == "state" => {
-            let mut state = machine.state();
-            let mut overridden = machine.overridden();
-            if machine.line().is_cut() {
-                overridden.insert(LINK.into(), false.into());
-            }
-            state["overridden"] = overridden.into();
-            state["settable"] = machine.settable().iter().copied().chain([LINK]).collect();
-            state["host"] = links.state();
-            Ok(state)
-        }
-        Some((key, Value::Object(changes))) if key == "set" => {
-            set(changes.clone(), machine)?;
-            Ok(json!({ "ok": true }))
-        }
-        _ => Err(wanted.into()),
-    }
-}
-
-/// Sets what every board has, and leaves the rest to this one.
-fn set(mut changes: Map<String, Value>, machine: &mut dyn Machine) -> Result<(), String> {
-    let names = machine.settable();
-    if let Some(key) = changes.keys().find(|key| *key != LINK && !names.contains(&key.as_str())) {
-        let names = names.join(", ");
-        return Err(format!("{key}: nothing of this name can be set; there are {names}, {LINK}"));
-    }
-    let is_whole = match changes.remove(LINK) {
-        None => None,
-        Some(Value::Null) => Some(true),
-        Some(Value::Bool(is_whole)) => Some(is_whole),
-        Some(_) => return Err(format!("{LINK}: expected true, false, or null")),
-    };
-    machine.set(&changes)?;
-    if let Some(is_whole) = is_whole {
-        machine.line().cut(!is_whole);
-    }
-    Ok(())
 }

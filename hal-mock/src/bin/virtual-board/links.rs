@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use crate::door::{self, Address, Door, Guest, Said};
 use crate::follow::Follower;
-use crate::machine::Machine;
+use crate::machine::Served;
 
 /// UDP peers at a time.
 const MOST_PEERS: usize = door::MOST;
@@ -91,7 +91,7 @@ impl Links {
         serial: Option<Box<dyn Device>>,
         tcp: Address<'_>,
         udp: Option<Address<'_>>,
-        machine: &dyn Machine,
+        machine: &dyn Served,
     ) -> Result<Self, String> {
         let bind = |address: &str| {
             let socket = UdpSocket::bind(address)?;
@@ -160,7 +160,7 @@ impl Links {
     }
 
     /// Puts what the clients have sent onto the line.
-    pub fn receive(&mut self, machine: &dyn Machine) {
+    pub fn receive(&mut self, machine: &dyn Served) {
         let line = machine.line();
         self.door.admit(&mut self.clients, |guest| {
             guest.set_send_buffer(machine.send_buffer());
@@ -188,7 +188,7 @@ impl Links {
     }
 
     /// Takes a turn's worth of whole frames of the last datagram, or the next one.
-    fn receive_datagram(&mut self, machine: &dyn Machine) {
+    fn receive_datagram(&mut self, machine: &dyn Served) {
         let mut passed = 0;
         while let Some(frame) = self.datagram.pop_front_if(|_| passed < TURN) {
             passed += frame.len();

@@ -13,7 +13,6 @@ mod links;
 mod machine;
 mod options;
 mod page;
-mod pass_through;
 mod pioneer_arm;
 mod pms5005;
 mod printer;
@@ -29,11 +28,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use hal_mock::clock;
+use hal_mock::machine::Machine;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use inspect::Inspector;
 use links::Links;
-use machine::Machine;
 use options::{Options, Personality};
 use page::Page;
 use printer::say;

@@ -7,14 +7,13 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::time::Duration;
 
+use hal_mock::machine::{Machine, ask};
 use handwheel::Link;
 use handwheel::web::{self, Serve};
 use serde_json::Value;
 
 use crate::door::Address;
-use crate::inspect;
 use crate::links::Links;
-use crate::machine::Machine;
 
 /// How long a question waits for the main loop.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -63,7 +62,7 @@ impl Page {
     pub fn serve(&self, machine: &mut dyn Machine, links: &Links) {
         for (question, tell) in self.questions.try_iter() {
             // Whoever has asked may have gone.
-            let _ = tell.try_send(inspect::ask(&question, machine, links));
+            let _ = tell.try_send(ask(&question, machine, || links.state()));
         }
     }
 }

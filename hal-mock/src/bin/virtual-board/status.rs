@@ -2,8 +2,9 @@
 //! line when something has changed, one a second at the most. To look at a board closely is what
 //! hosts and the inspector are for.
 
+use hal_mock::machine::Machine;
+
 use crate::links::Links;
-use crate::machine::Machine;
 use crate::printer::say;
 
 /// The least time between two status lines, in ms.

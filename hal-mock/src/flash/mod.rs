@@ -1,15 +1,15 @@
-//! A NOR flash: three sectors of 16 KiB, as the STM32F4 has for the settings, in memory or in a
-//! file.
+//! A NOR flash: three sectors of 16 KiB, as the STM32F4 has for the settings, in memory; what it holds may be
+//! kept elsewhere too, as in a file.
 //!
 //! Erasing makes a sector all ones, writing only makes zeros of ones, in whole words of 4 bytes.
 //! Power can be lost at any byte of either: what was done before stays, and the byte itself may be
-//! half done. In a file, what a program did before it was killed is there for the next one. A file that
-//! is taken away, or that a full disk does not take, fails a save and nothing else.
+//! half done.
+
+#[cfg(feature = "host")]
+mod file;
 
 use std::cell::RefCell;
-use std::fs::{File, TryLockError};
-use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::ops::Range;
 use std::rc::Rc;
 
 use embedded_storage::nor_flash::{
@@ -26,11 +26,12 @@ pub const SIZE: usize = 3 * SECTOR;
 #[derive(Clone)]
 pub struct Flash(Rc<RefCell<State>>);
 
+/// Keeps what a flash holds elsewhere: is given all of it, and what of it has changed.
+pub type Keep = Box<dyn FnMut(&[u8], Range<usize>) -> Result<(), FlashError>>;
+
 struct State {
     bytes: Vec<u8>,
-    file: Option<File>,
-    /// The file has not taken all that was written.
-    is_behind: bool,
+    keep: Option<Keep>,
     /// When power will be lost: bytes until then, and whether the next one is half done.
     power: Option<(usize, bool)>,
     erases: u32,
@@ -43,15 +44,15 @@ pub enum FlashError {
     Place(NorFlashErrorKind),
     /// There is no power.
     NoPower,
-    /// The file could not be written.
-    File,
+    /// It could not be kept.
+    NotKept,
 }
 
 impl NorFlashError for FlashError {
     fn kind(&self) -> NorFlashErrorKind {
         match self {
             Self::Place(kind) => *kind,
-            Self::NoPower | Self::File => NorFlashErrorKind::Other,
+            Self::NoPower | Self::NotKept => NorFlashErrorKind::Other,
         }
     }
 }
@@ -59,58 +60,21 @@ impl NorFlashError for FlashError {
 impl Flash {
     /// A flash that was never written.
     pub fn empty() -> Self {
-        Self::holding(vec![0xFF; SIZE], None)
+        Self::with(&[])
     }
 
     /// A flash that holds these bytes, all ones behind them.
     pub fn with(bytes: &[u8]) -> Self {
-        let mut all = bytes.to_vec();
-        all.resize(SIZE, 0xFF);
-        Self::holding(all, None)
+        let mut bytes = bytes.to_vec();
+        bytes.resize(SIZE, 0xFF);
+        Self(Rc::new(RefCell::new(State { bytes, keep: None, power: None, erases: 0 })))
     }
 
-    /// A flash in a file, which is made if it is not there.
-    ///
-    /// # Errors
-    /// In one line, what is wrong with the file.
-    pub fn open(path: &Path) -> Result<Self, String> {
-        let complain = |e: std::io::Error| e.to_string();
-        // Before it is opened: a FIFO would wait for somebody.
-        match path.metadata().map(|metadata| metadata.file_type()) {
-            #[cfg(unix)]
-            Ok(kind) if std::os::unix::fs::FileTypeExt::is_char_device(&kind) => {
-                log::warn!("{}: keeps nothing, and so no settings are saved", path.display());
-                let file = File::options().write(true).open(path).map_err(complain)?;
-                return Ok(Self::holding(vec![0xFF; SIZE], Some(file)));
-            }
-            Ok(kind) if !kind.is_file() => return Err("must be a file, or not be there".into()),
-            Ok(_) | Err(_) => {}
-        }
-        let mut options = File::options();
-        options.read(true).write(true).create(true).truncate(false);
-        // Shared with nobody, so that nobody removes it meanwhile.
-        #[cfg(windows)]
-        std::os::windows::fs::OpenOptionsExt::share_mode(&mut options, 0);
-        let mut file = options.open(path).map_err(complain)?;
-        file.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => "another board is using it".into(),
-            TryLockError::Error(error) => complain(error),
-        })?;
-        let mut bytes = Vec::new();
-        (&file).take(SIZE as u64 + 1).read_to_end(&mut bytes).map_err(complain)?;
-        // Empty, or what a full disk has left of one that was being made.
-        if bytes.len() < SIZE && bytes.iter().all(|byte| *byte == 0xFF) {
-            bytes = vec![0xFF; SIZE];
-            file.rewind().and_then(|()| file.write_all(&bytes)).map_err(complain)?;
-        }
-        if bytes.len() != SIZE {
-            return Err(format!("not a board's settings: must be {SIZE} bytes, or not be there"));
-        }
-        Ok(Self::holding(bytes, Some(file)))
-    }
-
-    fn holding(bytes: Vec<u8>, file: Option<File>) -> Self {
-        Self(Rc::new(RefCell::new(State { bytes, file, is_behind: false, power: None, erases: 0 })))
+    /// The same, kept elsewhere from now on.
+    pub fn kept(bytes: &[u8], keep: Keep) -> Self {
+        let flash = Self::with(bytes);
+        flash.0.borrow_mut().keep = Some(keep);
+        flash
     }
 
     /// Loses power when so many bytes more have been written or erased; with `torn`, the next one
@@ -160,32 +124,10 @@ impl State {
             *byte = wanted;
             done += 1;
         }
-        let kept = self.keep(at, count);
-        self.is_behind = kept.is_err();
-        kept.map_err(|e| {
-            log::warn!("settings are not saved: {e}");
-            FlashError::File
-        })
-    }
-
-    /// Brings the file up to date, if there is one and it is still there.
-    fn keep(&mut self, at: usize, count: usize) -> std::io::Result<()> {
-        let Some(file) = &mut self.file else { return Ok(()) };
-        let metadata = file.metadata()?;
-        if !metadata.is_file() {
-            return Err(std::io::Error::other("their file keeps nothing"));
+        match &mut self.keep {
+            Some(keep) => keep(&self.bytes, at..at + count),
+            None => Ok(()),
         }
-        #[cfg(unix)]
-        if std::os::unix::fs::MetadataExt::nlink(&metadata) == 0 {
-            return Err(std::io::Error::other("their file was removed; start the board again"));
-        }
-        let is_cut_short = metadata.len() != SIZE as u64;
-        if is_cut_short {
-            log::warn!("the file with the settings was cut short, and is written anew");
-        }
-        let changed = if is_cut_short || self.is_behind { 0..SIZE } else { at..at + count };
-        file.seek(SeekFrom::Start(changed.start as u64))?;
-        file.write_all(&self.bytes[changed])
     }
 }
 

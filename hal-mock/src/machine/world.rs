@@ -1,12 +1,10 @@
 //! The simulated world of a PMS5005 as the inspector's questions change it: JSON in, [`Overrides`], walls
 //! and seeds out. Bad values are refused whole, in one line that names the key.
 
-pub mod values;
-
 use serde_json::{Map, Value, json};
 
+use super::values::{decimal, decimals, flags, number, numbers, shown, that_are_set};
 use crate::plant::{FARTHEST_CM, Overrides, Plant};
-use values::{decimal, decimals, flags, number, numbers, shown, that_are_set};
 
 /// What can be [`set`].
 pub const SETTABLE: &[&str] = &[

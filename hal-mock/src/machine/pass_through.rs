@@ -3,33 +3,28 @@
 
 use embassy_time::Instant;
 use firmware::bridge::pass_through::PassThroughCounters;
-use hal_mock::pass_through_board::{Make, PassThroughBoard};
-use hal_mock::plant::Ax12;
-use hal_mock::servo_bus::{self, Faults};
-use hal_mock::wire::Line;
 use serde_json::{Map, Value, json};
 
-use crate::follow::Follower;
-use crate::machine::Machine;
-use crate::options::Options;
-use crate::{ax12_bus, servos};
+use super::{Machine, servos};
+use crate::pass_through_board::{Make, PassThroughBoard};
+use crate::plant::Ax12;
+use crate::servo_bus::Faults;
+use crate::wire::Line;
 
-struct PassThrough {
+/// A pass-through with its servos.
+pub struct PassThrough {
     board: PassThroughBoard,
     faults: Faults,
     /// The IDs in the beginning.
     ids: Vec<u8>,
 }
 
-/// The pass-through that the options ask for, or in one line what is wrong with them.
-pub fn machine(options: &Options) -> Result<Box<dyn Machine>, String> {
-    let (ids, faults) = (options.servos()?, options.bus_faults()?);
-    let board = PassThroughBoard::new(Make {
-        servos: ids.iter().copied().map(Ax12::new).collect(),
-        bus: servo_bus::Make { faults, seed: options.seed(None), ..servo_bus::Make::default() },
-        line_rate: options.line_rate(),
-    });
-    Ok(Box::new(PassThrough { board, faults, ids }))
+impl PassThrough {
+    /// One that has just been switched on.
+    pub fn new(make: Make) -> Self {
+        let (faults, ids) = (make.bus.faults, make.servos.iter().map(Ax12::id).collect());
+        Self { board: PassThroughBoard::new(make), faults, ids }
+    }
 }
 
 impl Machine for PassThrough {
@@ -39,10 +34,6 @@ impl Machine for PassThrough {
 
     fn line(&self) -> &Line {
         &self.board.line
-    }
-
-    fn follower(&self) -> Box<dyn Follower> {
-        ax12_bus::follower()
     }
 
     fn run_until(&mut self, time: Instant) {
