@@ -7,10 +7,10 @@ use std::thread;
 use std::time::Duration;
 
 use hal_mock::board::{Make, VirtualBoard};
-use handwheel::Client;
 use handwheel::cli::Interrupt;
 use handwheel::session::Session;
 use handwheel::transport::Transport;
+use handwheel::{Client, Link};
 use protocol::extension::{Mode, VERSION};
 use protocol::pms5005::{Addressing, Command, Move, Quantity, Scope};
 use serde_json::{Value, json};
@@ -261,7 +261,7 @@ fn a_motor_that_was_stopped_an_instant_ago_is_no_other_hosts() {
         let mut buffer = [0; 100];
         BOARD.with_borrow(|board| board.line.host_sends(command.encode(0, &mut buffer).unwrap()));
     };
-    let link = "tcp:virtual:1".parse().unwrap();
+    let link = Link::Other("virtual".into());
     let mut client = Client::over(link, Box::new(Virtual), Session::new()).unwrap();
     // Acknowledged, a stop is carried out in the next control period: the state of this one does not know it.
     for (look, runs) in [(Client::state as fn(&mut _) -> _, true), (Client::state_at_rest, false)] {

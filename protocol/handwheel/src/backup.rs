@@ -8,9 +8,9 @@ use std::fmt::Write;
 
 use protocol::extension::Identity;
 
-use crate::client::{self, Settings};
 use crate::error::Error;
 use crate::session::{Personality, Setting};
+use crate::settings::{self, Settings};
 use crate::words;
 
 /// The form of the file. It rises when an older handwheel would misread it.
@@ -124,14 +124,14 @@ pub fn check(
     let mut changes: Vec<(Setting, i32)> = Vec::new();
     let mut seen: Vec<u16> = Vec::new();
     for (name, value) in settings {
-        let setting = client::find(board, name).map_err(|error| wrong(error.to_string()))?;
+        let setting = settings::find(board, name).map_err(|error| wrong(error.to_string()))?;
         if seen.contains(&setting.number) {
             return Err(wrong(format!("{name}: it is there twice")));
         }
         seen.push(setting.number);
         let value =
             value.as_integer().ok_or_else(|| wrong(format!("{name}: a whole number is wanted")))?;
-        let value = client::check(setting, value)?;
+        let value = settings::check(setting, value)?;
         if value != setting.value {
             changes.push((setting.clone(), value));
         }

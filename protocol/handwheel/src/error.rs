@@ -2,9 +2,9 @@
 
 use protocol::extension::Verdict;
 
-use crate::client::number_of;
 use crate::link::Link;
 use crate::session::{Failure, Personality};
+use crate::words;
 
 /// Why something could not be done. Its text is one line, for people.
 #[derive(Debug, thiserror::Error)]
@@ -32,7 +32,7 @@ pub enum Error {
     )]
     NoAnswer(&'static str),
     /// The board refuses.
-    #[error("the board refuses: {}{}", crate::words::verdict(*.verdict), about(.setting))]
+    #[error("the board refuses: {}{}", words::verdict(*.verdict), about(.setting))]
     Refused {
         /// Why.
         verdict: Verdict,
@@ -88,7 +88,7 @@ impl Error {
         match failure {
             Failure::NoAnswer => Self::NoAnswer(what),
             Failure::Refused(verdict, number) => {
-                Self::Refused { verdict, setting: (number != 0).then(|| number_of(number)) }
+                Self::Refused { verdict, setting: (number != 0).then(|| words::setting(number)) }
             }
             Failure::NotCarried => Self::NotCarried(personality, what, ""),
         }

@@ -1,20 +1,32 @@
 //! The host's side of a board: a library and a command line that drive, watch, tune and trust it.
 //!
 //! ```text
-//!  cli ──> Client ──> Session ──> protocol         (requests, commands, signs of life)
-//!            │  ^        │ ^
-//!            v  │        v │  bytes and the time
-//!          Transport: serial, TCP, UDP
+//!  feature cli    cli ─────────────┐
+//!                  v               v
+//!  feature io    Client      web::serve            (a line, a clock, sockets, threads)
+//!                  │ ^             │ ^
+//!  ────────────────│─│─────────────│─│───────────────────────────────────────────────
+//!                  v │             v │             bytes, messages and the time
+//!  the core      Session <──── web::Panel          (requests, commands, signs of life)
+//!                  v
+//!               protocol
 //! ```
 //!
-//! - [`session`]: what is said on a line and when, without I/O: bytes and the time go in, bytes and
-//!   events come out. Tests run it on virtual time; anything with a clock and a line can run it;
-//! - [`transport`] and [`link`]: the ways to a board, and how they are written; [`auto`] finds one;
+//! The core needs no operating system, only an allocator: bytes and the time go in, bytes and events come
+//! out. Tests run it on virtual time; anything with a clock and a line can run it, a browser too.
+//! - [`session`]: what is said on a line and when;
+//! - [`tune`]: checks and tunings, as jobs over a session;
+//! - [`web`]: the page, and the [`Panel`](web::Panel) behind it;
+//! - [`link`]: how a way to a board is written;
+//! - [`settings`], [`backup`], [`step`]: settings by name and in a file, a step's response;
+//! - [`words`]: faults, reasons and units for people, with the remedy.
+//!
+//! Feature `io` is the core on a computer:
+//! - [`transport`]: the ways to a board; [`auto`] finds one;
 //! - [`client`]: what a program uses: connect, ask, drive, watch; blocking;
-//! - [`words`]: faults, reasons and units for people, with the remedy;
-//! - [`backup`], [`step`], [`picture`]: settings in a file, a step's response, an image for the LCD;
-//! - [`cli`]: the commands;
-//! - [`web`]: the page, and the session without I/O behind it, beside the blocking client.
+//! - [`web::serve`]: the page's server.
+//!
+//! Feature `cli`, the default, is the program: [`cli`] has the commands, [`picture`] makes images for the LCD.
 //!
 //! **People see channels 1 to 6** here, as in setting names and on the board's labels; the wire has 0 to
 //! 5. [`Number`] is the people's, and is turned into the wire's in one place.
@@ -40,10 +52,12 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+#[cfg(feature = "io")]
 pub mod auto;
 pub mod backup;
 #[cfg(feature = "cli")]
 pub mod cli;
+#[cfg(feature = "io")]
 pub mod client;
 mod error;
 pub mod link;
@@ -51,14 +65,20 @@ mod motion;
 mod number;
 #[cfg(feature = "cli")]
 pub mod picture;
+mod servo;
 pub mod session;
+pub mod settings;
+mod state;
 pub mod step;
+#[cfg(feature = "io")]
 pub mod transport;
 pub mod tune;
 pub mod web;
 pub mod words;
 
-pub use client::{Client, Target};
+#[cfg(feature = "io")]
+pub use client::Client;
 pub use error::Error;
 pub use link::Link;
+pub use motion::target::Target;
 pub use number::Number;

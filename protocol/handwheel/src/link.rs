@@ -22,6 +22,8 @@ pub enum Link {
     Udp(String),
     /// The only board that is found.
     Auto,
+    /// Another, which the program itself carries: its name in messages.
+    Other(String),
 }
 
 impl Link {
@@ -68,6 +70,7 @@ impl fmt::Display for Link {
             Self::Tcp(address) => write!(f, "tcp:{address}"),
             Self::Udp(address) => write!(f, "udp:{address}"),
             Self::Auto => f.write_str("auto"),
+            Self::Other(name) => f.write_str(name),
         }
     }
 }
@@ -89,6 +92,13 @@ mod tests {
         }
         let link: Link = "serial:/dev/ttyACM0".parse().unwrap();
         assert_eq!(link, Link::Serial("/dev/ttyACM0".into(), 115_200));
+    }
+
+    #[test]
+    fn what_a_program_carries_itself_has_its_name_and_cannot_be_asked_for() {
+        let own = Link::Other("this page".into());
+        assert_eq!(own.to_string(), "this page");
+        assert!(own.to_string().parse::<Link>().is_err() && !own.is_slow());
     }
 
     #[test]

@@ -12,9 +12,8 @@ use std::time::Duration;
 use plotters::prelude::*;
 use protocol::extension::{MachineState, Mode, Row, Setup, Trigger};
 
-use crate::client::Target;
 use crate::error::Error;
-use crate::motion::target::unwrapped;
+use crate::motion::target::{Target, unwrapped};
 use crate::number::Number;
 use crate::words;
 

@@ -134,6 +134,11 @@ pub fn unit(unit: Unit) -> &'static str {
     }
 }
 
+/// How a setting is called whose name is not known.
+pub(crate) fn setting(number: u16) -> String {
+    format!("setting {number}")
+}
+
 /// Why a board refuses, and what to do.
 pub fn verdict(verdict: Verdict) -> String {
     let remedy = match verdict {

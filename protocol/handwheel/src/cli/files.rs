@@ -8,9 +8,10 @@ use serde_json::{Value, json};
 
 use super::{ANSWER_IS_NO, Context, DONE, Outcome};
 use crate::backup::{self, Plan};
-use crate::client::{Client, Settings};
+use crate::client::Client;
 use crate::error::Error;
 use crate::session::Setting;
+use crate::settings::Settings;
 
 impl Context<'_, '_> {
     /// Writes all settings into a new file.

@@ -5,9 +5,10 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{ANSWER_IS_NO, Context, DONE, Hold, Outcome, drives, time};
-use crate::client::{Client, Stopped, Target};
+use crate::client::{Client, Stopped};
 use crate::error::Error;
 use crate::link::Link;
+use crate::motion::target::Target;
 use crate::number::Number;
 use crate::words;
 

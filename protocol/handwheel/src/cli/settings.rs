@@ -3,9 +3,9 @@
 use serde_json::{Value, json};
 
 use super::{Context, DONE, Outcome};
-use crate::client;
 use crate::error::Error;
 use crate::session::Setting;
+use crate::settings::{check, find};
 use crate::words;
 
 impl Context<'_, '_> {
@@ -25,7 +25,7 @@ impl Context<'_, '_> {
             shown = all.iter().collect();
         }
         if shown.is_empty() {
-            client::find(&all, name)?;
+            find(&all, name)?;
         }
         for setting in &shown {
             self.say(&line(setting));
@@ -48,7 +48,7 @@ impl Context<'_, '_> {
         })?;
         let mut client = self.connect()?;
         let before = client.setting(&name)?;
-        let value = client::check(&before, value)?;
+        let value = check(&before, value)?;
         let set = client.set_known(&before, value)?;
         let when = match set.name.starts_with("arm ") || set.name.starts_with("joint ") {
             true => "in force from the next start on, if saved (`handwheel save`)",

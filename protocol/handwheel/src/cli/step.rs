@@ -8,8 +8,8 @@ use protocol::extension::Mode;
 use serde_json::json;
 
 use super::{Context, Outcome, Quantity};
-use crate::client::Target;
 use crate::error::Error;
+use crate::motion::target::Target;
 use crate::number::Number;
 use crate::step::{Course, draw, recording_of};
 

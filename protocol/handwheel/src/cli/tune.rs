@@ -7,13 +7,15 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::{Context, DONE, Outcome};
-use crate::client::{Client, LINK_TIMEOUT, number_of};
+use crate::client::Client;
 use crate::error::Error;
 use crate::number::Number;
+use crate::settings::LINK_TIMEOUT;
 use crate::step::{Response, Sample, draw};
 use crate::tune::{
     Checked, Loop, Options, Plan, Tuned, check, highest_duty_of, plan, sensor_of, tune,
 };
+use crate::words;
 
 /// How a motor is driven, and who says that it may be.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +80,8 @@ impl Context<'_, '_> {
             .iter()
             .map(|&(number, value)| {
                 let old = before.iter().find(|setting| setting.number == number);
-                let name = old.map_or_else(|| number_of(number), |setting| setting.name.clone());
+                let name =
+                    old.map_or_else(|| words::setting(number), |setting| setting.name.clone());
                 (name, old.map_or(0, |setting| setting.value), value)
             })
             .collect();

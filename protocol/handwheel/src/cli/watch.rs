@@ -11,9 +11,10 @@ use protocol::pms5005::Report;
 use serde_json::{Value, json};
 
 use super::{Context, DONE, Outcome, drives, numbers};
-use crate::client::{Client, Servo, Uptime, driven};
+use crate::client::{Client, Servo, driven};
 use crate::error::Error;
 use crate::session::Personality;
+use crate::state::Uptime;
 use crate::words;
 
 /// How often a terminal is drawn, and a block is printed where there is none.

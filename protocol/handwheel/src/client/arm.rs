@@ -3,13 +3,14 @@
 //! A session that another host has open is used as it is, and left open: CLOSE would send its arm home.
 
 use protocol::arcos::{
-    ArmCommand, ArmInfo, ArmStatus, Dialect, JointInfo, Joints, MotionBits, Names, Packet, SYNC,
-    Standard, StatusRequest, command,
+    ArmCommand, ArmInfo, ArmStatus, Dialect, JointInfo, Joints, Names, Packet, SYNC, Standard,
+    StatusRequest, command,
 };
 
 use super::Client;
 use crate::error::Error;
 use crate::session::{Event, Personality, Reply};
+use crate::settings::dialect;
 
 /// What is open.
 pub(super) struct Opened {
@@ -30,15 +31,6 @@ pub struct Arm {
     pub joints: [JointInfo; 6],
     /// Its state.
     pub status: ArmStatus,
-}
-
-/// How an arm's state is read, by its setting "arm dialect".
-pub(crate) fn dialect(setting: Option<i32>) -> Dialect {
-    match setting {
-        Some(1) => Dialect::Manual(MotionBits::ZeroToFive),
-        Some(2) => Dialect::Aria,
-        _ => Dialect::Manual(MotionBits::OneToSix),
-    }
 }
 
 impl Client {

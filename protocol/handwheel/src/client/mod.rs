@@ -19,29 +19,23 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use protocol::extension::{
-    Action, Counters, FaultRecord, Health, Identity, MachineState, Mode, Refusals, Request, flag,
+    Action, Counters, FaultRecord, Health, Identity, MachineState, Refusals, Request, flag,
 };
-use protocol::pms5005::{CHANNELS, Command};
+use protocol::pms5005::Command;
 
 use crate::auto;
 use crate::error::Error;
 use crate::link::Link;
 use crate::number::Number;
 use crate::session::{Event, Failure, Greeting, HEAR, Personality, Reply, Session};
+use crate::state::on;
 use crate::transport::{self, Transport};
 
-pub use crate::motion::target::Target;
-pub use crate::session::Setting;
+pub use crate::servo::Servo;
 pub use arm::Arm;
-pub(crate) use arm::dialect;
 pub use motion::Drive;
-pub(crate) use motion::LINK_TIMEOUT;
-pub use settings::{Settings, find};
-pub(crate) use settings::{assignments, check, most, number_of, parts, with_name};
 pub use stop::Stopped;
-pub(crate) use stop::{REPEAT, STAND};
-pub(crate) use streams::{RENEW, Uptime, servo};
-pub use streams::{Reports, Servo, Servos, States};
+pub use streams::{Reports, Servos, States};
 
 /// How long one read waits; nothing is later than that.
 const TICK: Duration = Duration::from_millis(10);
@@ -411,11 +405,6 @@ impl Drop for Client {
     fn drop(&mut self) {
         self.close_arm();
     }
-}
-
-/// Which channels are on, whoever has switched them on.
-pub(crate) fn on(state: &MachineState) -> [bool; CHANNELS] {
-    state.channels.map(|channel| channel.mode != Mode::Off)
 }
 
 /// The channels that somebody drives at this moment, and who is not silent.

@@ -15,15 +15,16 @@ use std::time::Duration;
 use protocol::extension::{MachineState, Mode, Request};
 use protocol::pms5005::{CHANNELS, Command, LcdFrame};
 
-use super::stop::{STAND, Stopped};
-use super::streams::RENEW;
-use super::{Client, TICK, driven, on};
+use super::stop::Stopped;
+use super::{Client, TICK, driven};
 use crate::error::Error;
-use crate::motion::shafts::{STILL, Shafts};
+use crate::motion::shafts::{STAND, STILL, Shafts};
 use crate::motion::target::{self, Target};
 use crate::motion::watch::{GRACE, Watch};
 use crate::number::Number;
 use crate::session::{Event, sign_of_life};
+use crate::settings::LINK_TIMEOUT;
+use crate::state::{RENEW, on};
 
 /// A board that says nothing for so long is gone; it says something once a second.
 const SILENCE: Duration = Duration::from_millis(2500);
@@ -139,9 +140,6 @@ impl Client {
         self.ask(&request, "a new count").map(drop)
     }
 }
-
-/// Number of the setting "link timeout".
-pub(crate) const LINK_TIMEOUT: u16 = 1;
 
 /// A motor that is driven: kept running for as long as this is held, and stopped when it ends.
 pub struct Drive<'c> {

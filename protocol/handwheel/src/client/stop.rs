@@ -4,15 +4,12 @@ use std::time::Duration;
 
 use super::{Client, TICK};
 use crate::error::Error;
-use crate::motion::shafts::{STILL, Shafts, is_off};
-use crate::motion::target::{NEUTRAL_ALL, SUSPEND};
+use crate::motion::shafts::{STAND, STILL, Shafts};
+use crate::motion::target::{NEUTRAL_ALL, REPEAT, SUSPEND};
 use crate::number::Number;
 use crate::session::Personality;
+use crate::state::is_off;
 
-/// How long a stop waits for the shaft.
-pub(crate) const STAND: Duration = Duration::from_secs(1);
-/// For how long a stop of everything is repeated while another host drives on.
-pub(crate) const REPEAT: Duration = Duration::from_secs(3);
 /// How a stop came out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stopped {

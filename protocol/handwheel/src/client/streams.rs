@@ -3,21 +3,17 @@
 //! A machine state is asked for in portions, so that the stream ends by itself if the program does.
 //! Asking for it is no sign of life: who watches keeps nothing running.
 
-use std::num::NonZeroU8;
 use std::time::Duration;
 
-use protocol::cm5::Feedback;
-use protocol::dynamixel::Register;
 use protocol::extension::{MachineState, Request};
 use protocol::pms5005::{Command, Repeat, Report};
-use serde_json::{Value, json};
 
 use super::{Client, TICK};
 use crate::error::Error;
+use crate::servo::Servo;
 use crate::session::{Event, Personality};
+use crate::state::{ASK, RENEW};
 
-/// How often the machine state is asked for anew, 255 times each.
-pub(crate) const RENEW: Duration = Duration::from_secs(1);
 /// After which silence a stream has ended.
 const SILENCE: Duration = Duration::from_secs(3);
 /// A CM-5 whose PC is silent says hello every 10 s.
@@ -63,8 +59,7 @@ impl Client {
     }
 
     pub(super) fn ask_for_states(&mut self) {
-        let often = Repeat::Times(NonZeroU8::MAX);
-        self.session.send(&Command::Extension(Request::State(often)));
+        self.session.send(&ASK);
     }
 
     pub(super) fn end_states(&mut self) {
@@ -140,17 +135,6 @@ impl Iterator for Reports<'_> {
     }
 }
 
-/// A servo of a CM-5, as it tells of itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Servo {
-    /// Its ID on the bus.
-    pub id: u8,
-    /// Position 0 to 1023 (0 to 300 degrees), speed and load as the registers have them, voltage in 0.1 V,
-    /// temperature in degrees Celsius; `None` if it does not answer, or the CM-5 reports nothing yet: it waits
-    /// for its host's answer to its hello, which would set the servos' limits, and so is not given here.
-    pub registers: Option<[u16; 5]>,
-}
-
 /// A CM-5's servos, as often as it reports.
 pub struct Servos<'c> {
     client: &'c mut Client,
@@ -191,7 +175,7 @@ impl Iterator for Servos<'_> {
                 Ok(Event::Feedback(feedback)) => {
                     self.reports = true;
                     let servos = self.ids.iter().zip(feedback);
-                    return Some(Ok(servos.map(|(&id, told)| servo(id, told)).collect()));
+                    return Some(Ok(servos.map(|(&id, told)| Servo::of(id, told)).collect()));
                 }
                 // It says hello until its host has answered, and reports nothing before.
                 Ok(Event::Servos(ids)) => {
@@ -206,44 +190,5 @@ impl Iterator for Servos<'_> {
                 Err(error) => return Some(Err(error)),
             }
         }
-    }
-}
-
-impl Servo {
-    /// For programs; without a report its ID alone.
-    pub(crate) fn json(&self) -> Value {
-        let mut told = json!({ "id": self.id });
-        if let Some([position, speed, load, voltage, temperature]) = self.registers {
-            told["position"] = position.into();
-            told["speed"] = speed.into();
-            told["load"] = load.into();
-            told["voltage_v"] = (f64::from(voltage) / 10.0).into();
-            told["temperature_c"] = temperature.into();
-        }
-        told
-    }
-}
-
-pub(crate) fn servo(id: u8, told: Option<Feedback>) -> Servo {
-    let registers = [
-        Register::PRESENT_POSITION,
-        Register::PRESENT_SPEED,
-        Register::PRESENT_LOAD,
-        Register::PRESENT_VOLTAGE,
-        Register::PRESENT_TEMPERATURE,
-    ];
-    Servo { id, registers: told.map(|told| registers.map(|register| told.get(register))) }
-}
-
-/// The machine state has the low 16 bits of the uptime: this counts on from the first.
-#[derive(Default)]
-pub(crate) struct Uptime(Option<(u16, u64)>);
-
-impl Uptime {
-    pub(crate) fn unwrap(&mut self, time_ms: u16) -> u64 {
-        let (last, total) = self.0.unwrap_or((time_ms, 0));
-        let total = total + u64::from(time_ms.wrapping_sub(last));
-        self.0 = Some((time_ms, total));
-        total
     }
 }

@@ -5,16 +5,20 @@
 
 use std::time::Duration;
 
-use protocol::extension::{ChannelState, MachineState, Mode};
+use protocol::extension::MachineState;
 use protocol::pms5005::{CHANNELS, Report};
 
 use super::target::unwrapped;
 use crate::number::Number;
 use crate::session::Event;
+use crate::state::is_driven;
 
 /// A shaft stands when it has kept within so many counts, which is a potentiometer's noise, for so long.
 const STILL_COUNTS: i32 = 5;
 pub(crate) const STILL: Duration = Duration::from_millis(150);
+/// How long a stop waits for a shaft to stand.
+pub(crate) const STAND: Duration = Duration::from_secs(1);
+
 /// What one sensor has told of a shaft.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
@@ -92,18 +96,6 @@ impl Shafts {
         let best = self.of(motor).find(moved).or_else(|| self.of(motor).next());
         best.map(|seen| (seen.last, seen.turned()))
     }
-}
-
-/// Whether all motors and servos are.
-pub(crate) fn is_off(state: &MachineState) -> bool {
-    state.channels.iter().all(|channel| channel.mode == Mode::Off) && state.servos == [0; 6]
-}
-
-/// Whether anything is. A neutral PWM is how another host ends its own drive.
-fn is_driven(state: &MachineState) -> bool {
-    let is_neutral = |c: &ChannelState| c.mode == Mode::Pwm && c.set_point == 0;
-    let is_driven = |c: &ChannelState| c.mode != Mode::Off && !is_neutral(c);
-    state.channels.iter().any(is_driven) || state.servos != [0; 6]
 }
 
 #[cfg(test)]

@@ -25,6 +25,9 @@ pub(crate) const NEUTRAL_ALL: Command<'static> = Command::Move(Move {
     periods: 0,
 });
 
+/// For how long a stop of everything is repeated while another host drives on.
+pub(crate) const REPEAT: Duration = Duration::from_secs(3);
+
 /// A position of the wire, on the turn on which it is nearest to this one.
 pub(crate) fn unwrapped(wire: i32, near: i32) -> i32 {
     let way = wire.wrapping_sub(near).wrapping_add(TURN / 2).rem_euclid(TURN) - TURN / 2;

@@ -34,7 +34,7 @@ pub trait Transport: Send {
 ///
 /// # Errors
 /// [`Error::CannotOpen`] and [`Error::Busy`], with the remedy; [`Error::NoLink`] for `auto`, which is
-/// [`auto::find`](crate::auto::find)'s.
+/// [`auto::find`](crate::auto::find)'s, and for what the program itself carries.
 pub fn open(link: &Link) -> Result<Box<dyn Transport>, Error> {
     match link {
         Link::Serial(device, baud) => open_serial(device, *baud),
@@ -47,7 +47,7 @@ pub fn open(link: &Link) -> Result<Box<dyn Transport>, Error> {
             let socket = dial(address).map_err(|e| cannot(link, &e))?;
             Ok(Box::new(Udp(socket)))
         }
-        Link::Auto => Err(Error::NoLink(link.to_string())),
+        Link::Auto | Link::Other(_) => Err(Error::NoLink(link.to_string())),
     }
 }
 

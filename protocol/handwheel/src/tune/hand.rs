@@ -11,11 +11,11 @@ use protocol::extension::{
 use protocol::pms5005::CHANNELS;
 
 use super::job::{Ask, Refused, Shared, look, refusal};
-use crate::client;
 use crate::motion::shafts::STILL;
 use crate::motion::target::{self, Target};
 use crate::number::Number;
 use crate::session::{Reply, sign_of_life};
+use crate::state;
 use crate::step::recording_of;
 use crate::words;
 
@@ -128,7 +128,7 @@ impl Hand {
     /// to drive meanwhile.
     pub(super) async fn state(&mut self) -> Result<ChannelState, Refused> {
         let state = self.whole_state().await?;
-        let on = client::on(&state);
+        let on = state::on(&state);
         let before = *self.others.get_or_insert(on);
         let begins = |other: &Number| {
             let index = other.index();

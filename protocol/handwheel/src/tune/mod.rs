@@ -26,6 +26,7 @@ mod procedure;
 pub use check::{Checked, Way, check};
 pub use fit::Fit;
 pub use gains::{Design, Gains, Loop, Step};
+#[cfg(feature = "io")]
 pub(crate) use job::LEFT;
 pub use job::{Ask, Job, Refused};
 pub use model::Motor;

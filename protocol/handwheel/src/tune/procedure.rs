@@ -16,9 +16,9 @@ use super::gains::{Design, Loop, Step, design, every_period, expect};
 use super::hand::Hand;
 use super::job::{Job, Refused, set_back};
 use super::model::{Motor, PERIOD};
-use crate::client::LINK_TIMEOUT;
 use crate::motion::target::{TURN, Target};
 use crate::number::Number;
+use crate::settings::LINK_TIMEOUT;
 use crate::step::{Response, response};
 
 /// What is to be tuned, and what it may take.

@@ -35,6 +35,7 @@ const FILES: &[(&str, &str, &str)] = files! {
     "/selftune.js" SCRIPT "selftune.js",
     "/sensors.js" SCRIPT "sensors.js",
     "/settings.js" SCRIPT "settings.js",
+    "/socket.js" SCRIPT "socket.js",
     "/strip.js" SCRIPT "strip.js",
     "/style.css" CSS "style.css",
     "/tune.js" SCRIPT "tune.js",

@@ -6,8 +6,9 @@
 //!                                └──> world, if the board is a virtual one
 //! ```
 //!
-//! - `panel`: what pages may do and are told, without I/O; [`serve`]: HTTP, sockets and a line around it;
-//! - `page/`: what the browser gets: one HTML file, its style and its scripts. Nothing else is fetched.
+//! - [`Panel`]: what pages may do and are told, without I/O; `serve`: HTTP, sockets and a line around it;
+//! - `page/`: what the browser gets: one HTML file, its style and its scripts. Nothing else is fetched. Only
+//!   `socket.js` knows that there is a server: with another in its place, page and panel are one program.
 //!
 //! # The interface
 //! The same for every transport. `GET /` and what it names are the page; `GET /socket` is a WebSocket whose text
@@ -84,10 +85,14 @@
 //! - `predicted`, `measured`: `rise_ms`, `overshoot_percent`, `settling_ms`, `steady_error` of the step;
 //! - `curves`: `measured` and `predicted`, a value every `interval_ms`.
 
+#[cfg(feature = "io")]
 mod host;
+#[cfg(feature = "io")]
 mod http;
 mod panel;
+#[cfg(feature = "io")]
 mod server;
 
 pub use panel::{ALIVE, Asker, PageId, Panel};
+#[cfg(feature = "io")]
 pub use server::{Page, Serve, World, serve};

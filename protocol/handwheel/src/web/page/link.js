@@ -1,8 +1,10 @@
-// The socket to the server: what is asked with its answer, what is told to whoever listens, and a new
+// What goes over the socket to the server: what is asked with its answer, what is told to whoever listens, and a new
 // connection every second while there is none. The server's `web` module has the interface.
 //
 // Besides what the server tells, `socket` tells `{open}`, and `stopping` that this page asks for a stop. A connection that is lost disarms: the server
 // has stopped what this page drove, and a new connection begins disarmed.
+
+import { open } from "/socket.js";
 
 const RETRY_MS = 1000;
 
@@ -43,11 +45,7 @@ export function ask(what, values = {}) {
 
 /** Opens the connection, and keeps on trying. */
 export function connect() {
-  const url = new URL("/socket", location);
-  url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-  const token = new URLSearchParams(location.search).get("token");
-  if (token !== null) url.searchParams.set("token", token);
-  socket = new WebSocket(url);
+  socket = open();
   socket.onopen = () => tell("socket", { open: true });
   socket.onmessage = ({ data }) => hear(data);
   socket.onclose = () => {

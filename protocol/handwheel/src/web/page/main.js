@@ -1,12 +1,12 @@
 // The page's beginning: its tabs, the bar, and the parts.
 //
-//  link.js      the socket            ui.js       small tools        strip.js   faults, reasons, notes
+//  link.js      asks, and is told     ui.js       small tools        strip.js   faults, reasons, notes
 //  guard.js     arming and stopping   samples.js  the last minute    chart.js   a strip chart
 //  motors.js    six cards             tune.js     gains and steps    curve.js   a step's curve
 //  settings.js  all settings          field.js    one setting        files.js   save, backup, restore, diff
 //  sensors.js   what is measured      outputs.js  servos, GPIO       lcd.js     the LCD's picture
 //  linkpage.js  link and health       world.js    a virtual board's  others.js  an arm, a CM-5
-//  selftune.js  checking and tuning that ask the motor
+//  selftune.js  checking and tuning   socket.js   the way to the server
 
 import { connect, on, told } from "/link.js";
 import { el, number, put } from "/ui.js";

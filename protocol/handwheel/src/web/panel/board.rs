@@ -5,13 +5,14 @@ use std::time::Duration;
 
 use protocol::arcos::{ArmCommand, ArmStatus, Packet, SYNC, Standard, StatusRequest, command};
 use protocol::extension::{Counters, FaultRecord, Health, Identity, Refusals, Request};
-use protocol::pms5005::{Command, Repeat};
+use protocol::pms5005::Repeat;
 
 use super::Panel;
 use super::exchanges::Purpose;
 use crate::Number;
-use crate::client::{LINK_TIMEOUT, RENEW, Setting, dialect};
-use crate::session::{Event, Failure, Personality, Reply};
+use crate::session::{Event, Failure, Personality, Reply, Setting};
+use crate::settings::{LINK_TIMEOUT, dialect};
+use crate::state::{self, RENEW};
 
 /// How often it is asked how it is, and an arm where its joints are.
 const ASK: Duration = Duration::from_secs(1);
@@ -195,8 +196,7 @@ impl Panel {
             }
         } else if self.has_state() && self.now >= self.board.renew {
             self.board.renew = self.now + RENEW;
-            let often = Repeat::Times(NonZeroU8::MAX);
-            self.session.send(&Command::Extension(Request::State(often)));
+            self.session.send(&state::ASK);
         }
     }
 

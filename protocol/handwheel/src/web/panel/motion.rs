@@ -12,13 +12,14 @@ use super::job::Running;
 use super::message::{member, ms, number};
 use super::stop::{Ending, Stop};
 use super::{ALIVE, Asker, PageId, Panel};
-use crate::client::{Target, on};
+use crate::Number;
 use crate::error::Error;
 use crate::motion::shafts::Shafts;
+use crate::motion::target::Target;
 use crate::motion::watch::Watch;
 use crate::session::{Event, Failure, Personality, Reply, sign_of_life};
+use crate::state::on;
 use crate::step::{Course, recording_of};
-use crate::{Number, client};
 
 /// After which silence an armed page that drives nothing is disarmed.
 const ABSENT: Duration = Duration::from_secs(3);
@@ -385,7 +386,7 @@ fn target(object: &Map<String, Value>) -> Result<Target, String> {
     let most = i64::from(i16::MAX);
     match key {
         "velocity" => Ok(Target::Velocity(number(object, key, -most, most)? as i16)),
-        "position" => Ok(client::Target::Position(number(object, key, 0, most)? as i16)),
+        "position" => Ok(Target::Position(number(object, key, 0, most)? as i16)),
         _ => {
             let percent = object.get(key).and_then(Value::as_f64);
             let percent = percent.filter(|percent| (-100.0..=100.0).contains(percent));

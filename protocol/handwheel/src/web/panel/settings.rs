@@ -9,10 +9,10 @@ use super::exchanges::Purpose;
 use super::message::text;
 use super::{Asker, Panel};
 use crate::backup::{self, Plan};
-use crate::client::{Settings, assignments, check, find, most, parts, with_name};
 use crate::error::Error;
-use crate::motion::shafts::is_off;
 use crate::session::{Failure, Reply, Setting};
+use crate::settings::{Settings, assignments, check, find, most, parts, with_name};
+use crate::state::is_off;
 
 /// What is known of the settings.
 #[derive(Default)]

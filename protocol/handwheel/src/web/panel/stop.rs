@@ -12,11 +12,11 @@ use serde_json::{Value, json};
 use super::exchanges::Purpose;
 use super::{Asker, Panel};
 use crate::Number;
-use crate::client::{REPEAT, STAND};
 use crate::error::Error;
-use crate::motion::shafts::{STILL, Shafts, is_off};
-use crate::motion::target::{self, NEUTRAL_ALL, SUSPEND};
+use crate::motion::shafts::{STAND, STILL, Shafts};
+use crate::motion::target::{self, NEUTRAL_ALL, REPEAT, SUSPEND};
 use crate::session::{Event, Personality};
+use crate::state::is_off;
 
 /// A motor that was ours and is being stopped: without drive until it stands, then off.
 pub(super) struct Ending {

@@ -10,9 +10,10 @@ use serde_json::{Map, Value, json};
 
 use super::{PageId, Panel};
 use crate::Number;
-use crate::client::{Uptime, servo};
 use crate::motion::target::unwrapped;
+use crate::servo::Servo;
 use crate::session::{Personality, Setting};
+use crate::state::Uptime;
 use crate::words;
 
 /// The least time between two messages of sensors.
@@ -237,8 +238,8 @@ impl Panel {
             self.tells.servos = ids.to_vec();
         }
         let told = told.iter().copied().chain(std::iter::repeat(None));
-        let servos: Vec<_> =
-            self.tells.servos.iter().zip(told).map(|(&id, told)| servo(id, told).json()).collect();
+        let servos = self.tells.servos.iter().zip(told);
+        let servos: Vec<_> = servos.map(|(&id, told)| Servo::of(id, told).json()).collect();
         self.tell(&json!({ "tell": "servos", "servos": servos }));
     }
 }
