@@ -7,6 +7,7 @@ mod info;
 mod motion;
 mod outputs;
 mod parse;
+mod plot;
 mod settings;
 mod step;
 mod tune;

@@ -7,11 +7,12 @@ use std::time::Duration;
 use protocol::extension::Mode;
 use serde_json::json;
 
+use super::plot::draw;
 use super::{Context, Outcome, Quantity};
 use crate::error::Error;
 use crate::motion::target::Target;
 use crate::number::Number;
-use crate::step::{Course, draw, recording_of};
+use crate::step::{Course, Sample, recording_of};
 
 /// Rows that are recorded at the most: they take some 4 s to be read at 115200 baud.
 const ROWS: u16 = 2000;
@@ -105,6 +106,9 @@ impl Context<'_, '_> {
             draw(file, &title, unit, course.samples(), aim).map_err(Error::File)?;
             self.say(&format!("drawn in {}", file.display()));
         }
+        let thousandths = |duty: f64| (duty * 1000.0).round() / 1000.0;
+        let row = |s: &Sample| json!([s.time.as_millis() as u64, s.value, thousandths(s.duty)]);
+        let samples: Vec<_> = course.samples().iter().map(row).collect();
         self.tell(&json!({
             "motor": motor.index() + 1,
             "target": aim,
@@ -114,7 +118,7 @@ impl Context<'_, '_> {
             "settling_ms": ms(found.settling),
             "steady_error": found.steady_error,
             "stands": stopped.stands,
-            "samples_ms_value_duty": course.list(),
+            "samples_ms_value_duty": samples,
         }));
         let json = std::mem::replace(&mut self.json, false);
         let status = if json {

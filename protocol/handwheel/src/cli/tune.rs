@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 
+use super::plot::draw;
 use super::{Context, DONE, Outcome};
 use crate::client::Client;
 use crate::error::Error;
 use crate::number::Number;
 use crate::settings::LINK_TIMEOUT;
-use crate::step::{Response, Sample, draw};
+use crate::step::{Response, Sample};
 use crate::tune::{
     Checked, Loop, Options, Plan, Tuned, check, highest_duty_of, plan, sensor_of, tune,
 };
