@@ -40,7 +40,7 @@ impl Board {
     }
 
     fn spawn(settings: PathBuf, tcp: String, web: String, inspect: String) -> Self {
-        let program = std::env::var_os("VIRTUAL_BOARD").expect("VIRTUAL_BOARD: run .ci/page");
+        let program = std::env::var_os("VIRTUAL_BOARD").expect("VIRTUAL_BOARD: run .ci/chromium");
         let mut child = Command::new(program)
             .args(["--udp", "127.0.0.1:0", "--tcp", &tcp, "--web", &web, "--inspect", &inspect])
             .arg("--settings")

@@ -65,7 +65,7 @@ impl Browser {
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
-            .expect("chromedriver: run .ci/page");
+            .expect("chromedriver: run .ci/chromium");
         let mut out = BufReader::new(driver.stdout.take().unwrap());
         let driver = Driver(driver);
         let port = loop {

@@ -4,7 +4,7 @@
 //! - [`browser`]: a Chromium of its own through chromedriver: keys, clicks, what is seen;
 //! - [`Desk`]: both, and what a person does with them.
 //!
-//! `.ci/page` builds the board and runs the tests. It says in `VIRTUAL_BOARD` where the program is. Screenshots,
+//! `.ci/chromium` builds the board and runs the tests. It says in `VIRTUAL_BOARD` where the program is. Screenshots,
 //! also of a page whose test has failed, are in `target/page/screenshots`. `SABOTAGE=FILE.js` runs a script
 //! before those of every page, to see the tests fail:
 //! ```js

@@ -13,8 +13,13 @@ fn is_dark(x: usize, y: usize) -> bool {
         || (x * x + 7 * x * y + 3 * y).is_multiple_of(11)
 }
 
+/// All of its pixels, from the top.
+pub fn picture() -> Vec<bool> {
+    (0..WIDTH * HEIGHT).map(|at| is_dark(at % WIDTH, at / WIDTH)).collect()
+}
+
 /// The picture as the file of an uncompressed BMP: 24 bits a pixel, the lowest row first.
-fn bmp() -> Vec<u8> {
+pub fn bmp() -> Vec<u8> {
     const HEAD: usize = 54;
     let size = HEAD + 3 * WIDTH * HEIGHT;
     let mut file = b"BM".to_vec();
@@ -29,7 +34,7 @@ fn bmp() -> Vec<u8> {
 
 /// What the board's LCD holds, after the manual's DID 23: sixteen parts of 64 columns; even ones are the left
 /// half, odd ones the right, from the top; a column's least significant bit is on top.
-fn held(hex: &str) -> Vec<bool> {
+pub fn held(hex: &str) -> Vec<bool> {
     let byte = |at: usize| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap();
     let pixel = |x: usize, y: usize| byte((y / 8 * 2 + x / 64) * 64 + x % 64) >> (y % 8) & 1 == 1;
     (0..WIDTH * HEIGHT).map(|at| pixel(at % WIDTH, at / WIDTH)).collect()
@@ -47,8 +52,7 @@ fn shown(desk: &Desk) -> Vec<bool> {
 fn a_picture_is_on_the_boards_lcd_pixel_by_pixel_and_on_the_page() {
     let desk = Desk::open();
     let truth = || held(desk.board.truth()["lcd"].as_str().unwrap());
-    let picture: Vec<bool> =
-        (0..WIDTH * HEIGHT).map(|at| is_dark(at % WIDTH, at / WIDTH)).collect();
+    let picture = picture();
     desk.arm();
     desk.tab("io");
     assert_ne!(truth(), picture);

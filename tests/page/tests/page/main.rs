@@ -4,6 +4,7 @@ mod arming;
 mod driving;
 mod faults;
 mod lcd;
+mod one_file;
 mod pictures;
 mod settings;
 mod tuning;

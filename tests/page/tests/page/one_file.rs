@@ -1,0 +1,196 @@
+//! The virtual board and its page as one file, opened from the disk: no server, no other program.
+
+use std::time::{Duration, Instant};
+
+use page::browser::Browser;
+use page::{GLANCE, until};
+use serde_json::{Value, json};
+
+use crate::lcd;
+
+const ENTER: char = '\u{e007}';
+const GUARD: &str = "#panel-settings [data-setting='collision protection']";
+
+/// Within what time after it is opened a motor turns.
+const FIRST_MOTION: Duration = Duration::from_secs(5);
+
+struct Page(Browser);
+
+impl Page {
+    /// Opens the file in a browser that has kept nothing, and waits until the board answers.
+    #[track_caller]
+    fn open() -> Self {
+        let page = Self(Browser::start());
+        page.load();
+        page
+    }
+
+    #[track_caller]
+    fn load(&self) {
+        let file = std::env::var("ONE_FILE").expect("ONE_FILE: run .ci/chromium");
+        self.0.open(&format!("file://{file}"));
+        self.until_online();
+    }
+
+    #[track_caller]
+    fn until_online(&self) {
+        until("the board answers", || (self.body("online") == "yes").then_some(()));
+    }
+
+    #[track_caller]
+    fn body(&self, name: &str) -> String {
+        self.0.attribute("body", &format!("data-{name}"))
+    }
+
+    #[track_caller]
+    fn arm(&self) {
+        self.0.click("#arm");
+        until("armed", || (self.body("armed") == "here").then_some(()));
+    }
+
+    #[track_caller]
+    fn tab(&self, name: &str) {
+        self.0.click(&format!("[data-tab={name}]"));
+    }
+
+    #[track_caller]
+    fn drive(&self, motor: usize, velocity: i32) {
+        self.tab("motors");
+        self.0
+            .enter(&format!("[data-motor='{motor}'] [data-value=velocity]"), &velocity.to_string());
+        self.0.click(&format!("[data-motor='{motor}'] [data-do=velocity]"));
+    }
+
+    /// The simulated truth, as the page was told it last.
+    #[track_caller]
+    fn truth(&self) -> Value {
+        self.0.js_async("const { told } = await import('link.js'); return told('world')?.state;")
+    }
+
+    #[track_caller]
+    fn velocity(&self) -> f64 {
+        self.truth()["motors"][0]["velocity"].as_f64().unwrap_or(0.0)
+    }
+
+    #[track_caller]
+    fn until_text(&self, selector: &str, part: &str) {
+        until(&format!("{part:?} in {selector}"), || {
+            self.0.text(selector).contains(part).then_some(())
+        });
+    }
+}
+
+#[test]
+fn it_says_what_it_is_and_a_motor_turns_within_five_seconds() {
+    let page = Page(Browser::start());
+    let took = (0..3).map(|_| {
+        let begun = Instant::now();
+        page.load();
+        page.arm();
+        page.drive(1, 4000);
+        until("motor 1 turns", || (page.velocity() > 100.0).then_some(()));
+        begun.elapsed()
+    });
+    let best = took.min().unwrap();
+    println!("first motion {} ms after the file is opened", best.as_millis());
+    assert!(best < FIRST_MOTION, "{best:?}");
+    assert!(page.0.text("#simulation").contains("A simulation."));
+    assert!(page.0.text("#simulation details").contains("handwheel web"));
+    std::fs::write(page::screenshot_file("one-file"), page.0.screenshot()).unwrap();
+    page.0.click("#stop");
+    until("it stands", || (page.velocity() == 0.0).then_some(()));
+    assert_eq!(page.0.errors(), [""; 0]);
+}
+
+#[test]
+fn an_obstacle_stops_it_and_what_is_saved_is_there_when_it_is_opened_again() {
+    let page = Page::open();
+    page.arm();
+    page.tab("settings");
+    let value = || page.0.property(&format!("{GUARD} input"), "value");
+    until("the setting", || (value() == "0").then_some(()));
+    page.0.enter(&format!("{GUARD} input"), "1");
+    page.0.press(ENTER);
+    until("it is changed", || (page.0.count(&format!("{GUARD}.changed")) == 1).then_some(()));
+
+    page.tab("world");
+    page.0.enter("#wall", "100");
+    page.0.click("#wall-set");
+    page.until_text("#panel-world .now", "A wall is 100 cm ahead");
+    page.drive(1, 4000);
+    page.until_text("[data-reason='1']", "obstacle");
+    until("it stands", || (page.velocity() == 0.0).then_some(()));
+    let left = page.truth()["wall_cm"].as_f64().unwrap();
+    assert!((5.0..31.0).contains(&left), "{left} cm before the wall");
+    page.0.click("[data-motor='1'] [data-do=off]");
+
+    page.tab("settings");
+    page.until_text("#unsaved", "Not saved");
+    page.0.click("#save");
+    page.until_text("#unsaved", "All is saved");
+    page.load();
+    page.tab("settings");
+    until("the setting", || (value() == "1").then_some(()));
+    page.until_text("#unsaved", "All is saved");
+    assert_eq!(page.truth()["wall_cm"], Value::Null, "the world is a new one");
+    assert_eq!(page.0.errors(), [""; 0]);
+}
+
+#[test]
+fn a_picture_comes_to_the_lcd() {
+    let page = Page::open();
+    page.arm();
+    page.tab("io");
+    let file = std::env::temp_dir().join(format!("one-file-{}.bmp", std::process::id()));
+    std::fs::write(&file, lcd::bmp()).unwrap();
+    page.0.type_into("#picture", file.to_str().unwrap());
+    page.until_text("#panel-io", "Not sent yet");
+    std::fs::remove_file(&file).unwrap();
+    page.0.click("#send-lcd");
+    let shown = || lcd::held(page.truth()["lcd"].as_str().unwrap());
+    until("the picture", || (shown() == lcd::picture()).then_some(()));
+}
+
+#[test]
+fn in_a_hidden_tab_the_boards_time_stands() {
+    let page = Page::open();
+    page.arm();
+    page.drive(1, 4000);
+    until("motor 1 turns", || (page.velocity() > 3000.0).then_some(()));
+    let window = page.0.window();
+    page.0.new_tab();
+    std::thread::sleep(Duration::from_millis(2000));
+    page.0.switch_to(&window);
+    until("the page goes on", || (page.velocity() == 0.0).then_some(()));
+    // What it drove was stopped when it was hidden, and nothing had fallen silent meanwhile.
+    let truth = page.truth();
+    assert_eq!((&truth["link"]["links_lost"], page.body("armed").as_str()), (&json!(0), "no"));
+}
+
+#[test]
+fn another_controller_is_chosen_and_the_choice_is_kept() {
+    let page = Page::open();
+    page.0.js("const which = document.querySelector('#simulation-which'); which.value = 'cm5'; which.dispatchEvent(new Event('change'));", &[]);
+    until("a CM-5", || (page.0.text("#title").contains("CM-5")).then_some(()));
+    page.load();
+    until("a CM-5", || (page.0.count("[data-id='6']") == 1).then_some(()));
+    page.0.js("const which = document.querySelector('#simulation-which'); which.value = 'pioneer-arm'; which.dispatchEvent(new Event('change'));", &[]);
+    until("an arm", || (page.0.count("[data-joint='6']") == 1).then_some(()));
+    assert_eq!(page.0.errors(), [""; 0]);
+}
+
+#[test]
+fn a_board_that_panics_says_why_and_starts_anew() {
+    let page = Page::open();
+    page.0.js_async(
+        "const { Board } = await import('instance.mjs');
+         const { hear } = Board.prototype;
+         Board.prototype.hear = () => { Board.prototype.hear = hear; throw new Error('planted'); };",
+    );
+    page.until_text("#simulation-alert", "The simulation has ended: planted");
+    std::thread::sleep(GLANCE);
+    page.until_online();
+    page.arm();
+    page.drive(1, 4000);
+    until("motor 1 turns", || (page.velocity() > 100.0).then_some(()));
+}
