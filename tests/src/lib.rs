@@ -22,7 +22,8 @@
 //! - `tests/arcos.rs`: ARCOS packets; `tests/pioneer_arm/`: the arm behind them, as scenarios;
 //! - `tests/dynamixel.rs`, `tests/servo_bus.rs`: the packets of the servo bus, and the bus;
 //! - `tests/cm5/`: the CM-5's bridge between a PC and simulated servos;
-//! - `tests/qemu/`: the virtual board as an image, in QEMU;
+//! - `tests/qemu/`: the virtual board as an image, in QEMU; `tests/module/`: as a WebAssembly module, in Node: both
+//!   with [`every_did`];
 //! - `benches/tuning.rs`: what tuning makes of two hundred drives;
 //! - `fuzz/`: a workspace of its own, the [`trials`] by a coverage-guided fuzzer (`.ci/fuzz`);
 //! - `cost/`: a crate of its own, what the code costs in instructions;
@@ -30,6 +31,7 @@
 
 pub mod arm;
 pub mod cm5;
+pub mod every_did;
 pub mod extension;
 pub mod foreign;
 pub mod host;

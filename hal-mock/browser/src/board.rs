@@ -165,3 +165,80 @@ fn ask(question: &Value, machine: &mut dyn Machine) -> Result<Value, String> {
 fn now() -> std::time::Duration {
     std::time::Duration::from_micros(Instant::now().as_micros())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the page is told and answered until so many ms after the start.
+    fn heard(board: &mut Board, until_ms: u64) -> Vec<Value> {
+        board.advance(until_ms * 1000);
+        std::iter::from_fn(|| board.page_hears())
+            .map(|message| serde_json::from_str(&message).unwrap())
+            .collect()
+    }
+
+    fn answers(heard: &[Value], id: u64) -> bool {
+        heard.iter().any(|message| message["id"] == id && message.get("ok").is_some())
+    }
+
+    #[test]
+    fn a_page_drives_saves_and_finds_it_saved_by_another_board() {
+        let mut board = Board::start("pms5005 0", &[]).unwrap();
+        board.open_page();
+        let connected = |told: &Value| {
+            told["tell"] == "board" && told["connected"] == true && told["is_virtual"] == true
+        };
+        assert!(heard(&mut board, 2000).iter().any(connected));
+        board.page_says(r#"{"do":"arm","id":1}"#);
+        board.page_says(r#"{"do":"set","id":2,"values":{"telemetry period":40}}"#);
+        let said = heard(&mut board, 2200);
+        assert!(answers(&said, 1) && answers(&said, 2));
+        board.page_says(r#"{"do":"drive","id":3,"motor":1,"velocity":2000}"#);
+        for ms in (2200..3000).step_by(50) {
+            board.page_says(r#"{"do":"alive"}"#);
+            board.advance(ms * 1000);
+        }
+        let velocity = |board: &mut Board| {
+            let state: Value = serde_json::from_str(&board.ask(r#"{"get":"state"}"#)).unwrap();
+            state["motors"][0]["velocity"].as_f64().unwrap()
+        };
+        assert!((velocity(&mut board) - 2000.0).abs() < 100.0);
+        // The page falls silent, and is disarmed.
+        heard(&mut board, 4000);
+        assert_eq!(velocity(&mut board), 0.0);
+        assert_eq!(board.new_flash(), None);
+
+        board.page_says(r#"{"do":"arm","id":4}"#);
+        board.page_says(r#"{"do":"save","id":5}"#);
+        assert!(answers(&heard(&mut board, 4500), 5));
+        let flash = board.new_flash().unwrap();
+        assert_eq!(board.new_flash(), None);
+
+        let mut board = Board::start("pms5005", &flash).unwrap();
+        board.open_page();
+        let saved = |told: &Value| {
+            let settings = told["settings"].as_array().into_iter().flatten();
+            settings.into_iter().any(|s| s["name"] == "telemetry period" && s["value"] == 40)
+        };
+        assert!(heard(&mut board, 5000).iter().any(saved));
+    }
+
+    #[test]
+    fn what_cannot_be_started_or_asked_is_answered_in_a_line() {
+        for (what, says) in [
+            ("pms5006", "pms5006: no personality; pms5005, pioneer-arm,"),
+            ("pms5005 fast", "pms5005 fast: no line rate"),
+            ("", ": no personality"),
+        ] {
+            let error = Board::start(what, &[]).err().unwrap();
+            assert!(error.contains(says) && error.lines().count() == 1, "{error}");
+        }
+        let mut board = Board::start("cm5", &[]).unwrap();
+        assert!(board.ask("nothing").contains("error") && board.ask("{}").contains("expected"));
+        assert_eq!(board.ask(r#"{"set":{"jammed":[3]}}"#), r#"{"ok":true}"#);
+        // Without a page there is nobody to be told.
+        board.page_says(r#"{"do":"stop"}"#);
+        assert_eq!(board.page_hears(), None);
+    }
+}

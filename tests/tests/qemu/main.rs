@@ -7,7 +7,6 @@
 //! at the same times of its virtual clock. No version of QEMU is asked for; 7.2 has been tried.
 
 mod process;
-mod script;
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -19,7 +18,7 @@ use protocol::extension::did as extension;
 use protocol::pms5005::{self, Frame, did};
 
 use process::{Qemu, bytes_from, image};
-use script::{ACKS, Step, script};
+use tests::every_did::{ACKS, Step, script};
 
 /// A piece of what the host sent: when the board was given it (ms of the board's time), its bytes.
 type Piece = (u64, usize);

@@ -1,5 +1,5 @@
-//! What a host sends to the virtual board's image: every DID of Table II.1 in all its forms, the
-//! recorder's two, and what goes wrong on a line.
+//! What a host sends to a PMS5005 that is to answer as the virtual board does, as an image or a module: every DID
+//! of Table II.1 in all its forms, the recorder's two, and what goes wrong on a line.
 
 use std::time::Duration;
 
@@ -8,6 +8,7 @@ use protocol::pms5005::{Frame, did};
 
 /// Bytes that the host sends at once.
 pub struct Step {
+    /// Those.
     pub bytes: Vec<u8>,
     /// Then it waits.
     pub pause: Duration,
