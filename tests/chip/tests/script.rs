@@ -4,7 +4,7 @@
 //! a converter. So what is compared byte for byte is everything that answers, in its order; telemetry by
 //! its kinds, its lengths, how often it comes and, at rest, every one of its values.
 
-#[path = "../../tests/qemu/script.rs"]
+#[path = "../../src/every_did.rs"]
 mod every_did;
 
 use std::collections::BTreeSet;
