@@ -3,14 +3,15 @@
 (async () => {
   const ALPHABET = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~";
   const digits = new Map([...ALPHABET].map((letter, digit) => [letter, digit]));
-  const text = document.getElementById("packed").textContent;
+  const { textContent: text, dataset } = document.getElementById("packed");
   const words = new DataView(new ArrayBuffer((text.length / 5) * 4));
   for (let i = 0; i < text.length / 5; i++) {
     let word = 0;
     for (let k = 0; k < 5; k++) word = word * 85 + digits.get(text[5 * i + k]);
     words.setUint32(4 * i, word);
   }
-  const stream = new Blob([words]).stream().pipeThrough(new DecompressionStream("gzip"));
+  // What fills the last word is none of it.
+  const stream = new Blob([words.buffer.slice(0, Number(dataset.bytes))]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
   let at = bytes.indexOf(10);
   const contents = JSON.parse(new TextDecoder().decode(bytes.subarray(0, at++)));

@@ -32,6 +32,7 @@ const FILES: &[(&str, &str, &str)] = files! {
     "/others.js" SCRIPT "others.js",
     "/outputs.js" SCRIPT "outputs.js",
     "/samples.js" SCRIPT "samples.js",
+    "/scene.js" SCRIPT "scene.js",
     "/selftune.js" SCRIPT "selftune.js",
     "/sensors.js" SCRIPT "sensors.js",
     "/settings.js" SCRIPT "settings.js",

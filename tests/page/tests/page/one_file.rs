@@ -117,11 +117,19 @@ fn an_obstacle_stops_it_and_what_is_saved_is_there_when_it_is_opened_again() {
     page.0.enter("#wall", "100");
     page.0.click("#wall-set");
     page.until_text("#panel-world .now", "A wall is 100 cm ahead");
+    let drawn = |what: &str| {
+        page.0.js(&format!("return document.querySelector('.scene {what}').style.transform;"), &[])
+    };
+    let (wall, wheel) = (drawn(".wall"), drawn("g .hand"));
     page.drive(1, 4000);
     page.until_text("[data-reason='1']", "obstacle");
     until("it stands", || (page.velocity() == 0.0).then_some(()));
     let left = page.truth()["wall_cm"].as_f64().unwrap();
     assert!((5.0..31.0).contains(&left), "{left} cm before the wall");
+    page.tab("world");
+    until("it is drawn so", || (drawn(".wall") != wall && drawn("g .hand") != wheel).then_some(()));
+    std::fs::write(page::screenshot_file("world"), page.0.screenshot()).unwrap();
+    page.tab("motors");
     page.0.click("[data-motor='1'] [data-do=off]");
 
     page.tab("settings");

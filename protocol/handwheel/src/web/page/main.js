@@ -6,7 +6,7 @@
 //  settings.js  all settings          field.js    one setting        files.js   save, backup, restore, diff
 //  sensors.js   what is measured      outputs.js  servos, GPIO       lcd.js     the LCD's picture
 //  linkpage.js  link and health       world.js    a virtual board's  others.js  an arm, a CM-5
-//  selftune.js  checking and tuning   socket.js   the way to the server
+//  scene.js     that world, drawn     selftune.js  checking, tuning   socket.js   the way to the server
 
 import { connect, on, told } from "/link.js";
 import { el, number, put } from "/ui.js";

@@ -3,6 +3,7 @@
 
 import { on, told } from "/link.js";
 import { button, el, entered, labelled, put } from "/ui.js";
+import { scene } from "/scene.js";
 import { attempt, note } from "/strip.js";
 
 /** Those with controls of their own. */
@@ -15,6 +16,7 @@ const panel = document.getElementById("panel-world");
 const cards = new Map();
 const raw = new Map();
 let rawList;
+let view;
 let truth;
 let wall;
 let wallNow;
@@ -71,6 +73,8 @@ function hear({ state }) {
   const settable = state.settable ?? [];
   const is = overridden();
   for (const [key, card] of cards) card.hidden = !settable.includes(key) && key !== "link";
+  view.drawing.parentElement.hidden = !state.motors;
+  if (state.motors) view.show(state);
   const isThere = typeof state.wall_cm === "number";
   put(wallNow, isThere ? `A wall is ${Math.round(state.wall_cm)} cm ahead` : "No wall");
   for (const { key, buttons } of banks) {
@@ -134,7 +138,8 @@ export function start() {
   seedNow = el("span", { class: "dim" });
   rawList = el("div");
   truth = el("pre", { tabindex: 0, "aria-label": "The simulated truth" });
-  panel.append(makeWall(),
+  view = scene();
+  panel.append(el("section", { class: "card wide" }, view.drawing), makeWall(),
     card("jam", "Jammed shafts", el("div", { class: "lights" }, ...banks[0].buttons)),
     card("unplugged", "Unplugged position sensors", el("div", { class: "lights" }, ...banks[1].buttons)),
     card("link", "Link between host and board", el("p", { class: "line" }, cut)),
