@@ -15,28 +15,36 @@ const PORTS = { pms5005: 5005, "pioneer-arm": 8101, cm5: 5006, "cm5-pass-through
 const FARTHEST_BEHIND_MS = 1000;
 /** Bytes that may wait for a client to read them. What finds no room is left out, in whole frames. */
 const ROOM = 1 << 16;
+/** Bytes that may wait for the board, and how many a client gives at a time: then it is another's turn. */
+const BACKLOG = 1024;
+const PIECE = 256;
+const HIGHEST_PORT = 65535;
 
 function end(status, text) {
   console.error(`board: ${text}`);
   process.exit(status);
 }
 
-const [personality = "pms5005", place = `127.0.0.1:${PORTS[personality]}`, ...more] = process.argv.slice(2);
-const [, host, port] = place.match(/^(.+):(\d+)$/) ?? [];
-if (!(personality in PORTS) || port === undefined || more.length > 0) {
+const [personality = "pms5005", ...rest] = process.argv.slice(2);
+const [place = `127.0.0.1:${PORTS[personality]}`, ...more] = rest;
+const [, host, port] = place.match(/^\[?([^\]]+)\]?:(\d+)$/) ?? [];
+if (!Object.hasOwn(PORTS, personality) || !(Number(port) <= HIGHEST_PORT) || more.length > 0) {
   end(2, `usage: node board.mjs [${Object.keys(PORTS).join("|")}] [ADDRESS:PORT]`);
 }
 
 const module = await WebAssembly.compile(gunzipSync(Buffer.from(MODULE, "base64")));
 const board = await Board.start(module, personality);
-const clients = new Set();
+/** What each has sent that the board has not taken. */
+const clients = new Map();
 
 const server = createServer((client) => {
-  clients.add(client);
+  clients.set(client, Buffer.alloc(0));
   client.setNoDelay(true);
-  client.on("data", (bytes) => board.feed(bytes));
+  client.on("data", (bytes) => {
+    client.pause();
+    clients.set(client, bytes);
+  });
   client.on("error", () => client.destroy());
-  client.on("close", () => clients.delete(client));
 });
 server.on("error", (error) => end(1, `${place}: ${error.message}`));
 server.listen(Number(port), host, () => {
@@ -44,13 +52,30 @@ server.listen(Number(port), host, () => {
   console.log(`${personality} at your service:\n  TCP ${address}:${port}`);
 });
 
+/** A piece of each client's, as far as the line can follow. Who has gone is heard to the end. */
+function feed() {
+  for (const [client, bytes] of clients) {
+    if (bytes.length > 0) {
+      if (board.backlog() > BACKLOG) continue;
+      board.feed(bytes.subarray(0, PIECE));
+      clients.set(client, bytes.subarray(PIECE));
+    } else if (client.destroyed) clients.delete(client);
+    else if (client.isPaused()) client.resume();
+  }
+}
+
 let start = performance.now();
 let now = 0;
 setInterval(() => {
   if (performance.now() - start - now > FARTHEST_BEHIND_MS) start = performance.now() - now;
   now = performance.now() - start;
-  board.advance(now * 1000);
-  for (let frame = board.take(); frame !== null; frame = board.take()) {
-    for (const client of clients) if (client.writableLength < ROOM) client.write(frame);
+  try {
+    feed();
+    board.advance(now * 1000);
+    for (let frame = board.take(); frame !== null; frame = board.take()) {
+      for (const client of clients.keys()) if (client.writableLength < ROOM) client.write(frame);
+    }
+  } catch (error) {
+    end(1, error.message.replaceAll("\n", " "));
   }
 }, 1);

@@ -3,6 +3,8 @@
 /** A board that was switched on. A panic of the board ends it: then whatever is called throws its text. */
 export class Board {
   #exports;
+  /** Why it has ended. */
+  #ended = null;
 
   /** Switches one on. `what` as the module's `start` takes it, `flash` as `flash()` has told it, or null. */
   static async start(module, what, flash = null) {
@@ -22,6 +24,11 @@ export class Board {
   /** Takes bytes of the host. */
   feed(bytes) {
     this.#call("feed", bytes);
+  }
+
+  /** How many bytes of the host have not arrived yet. */
+  backlog() {
+    return this.#run(() => this.#exports.backlog());
   }
 
   /** The next frame for the host, or null. */
@@ -55,11 +62,12 @@ export class Board {
   }
 
   #run(act) {
+    if (this.#ended !== null) throw this.#ended;
     try {
       return act();
     } catch (error) {
-      // It traps again if it was no panic.
-      throw new Error(this.#got(this.#exports.panic_text()) ?? error.message, { cause: error });
+      this.#ended = new Error(this.#got(this.#exports.panic_text()) ?? error.message, { cause: error });
+      throw this.#ended;
     }
   }
 
@@ -82,7 +90,8 @@ export class Board {
   }
 
   #text(name, given = null) {
-    return this.#got(given === null ? this.#run(() => this.#exports[name]()) : this.#call(name, new TextEncoder().encode(given)));
+    if (given !== null) return this.#got(this.#call(name, new TextEncoder().encode(given)));
+    return this.#got(this.#run(() => this.#exports[name]()));
   }
 
   #got(length) {

@@ -128,7 +128,9 @@ fn what_is_wrong_is_said_in_a_line() {
     let place = taken.local_addr().unwrap().to_string();
     for (words, status, says) in [
         (&["pms5006"][..], 2, "usage: node board.mjs [pms5005|"),
+        (&["toString", "127.0.0.1:0"], 2, "usage:"),
         (&["cm5", "here"], 2, "usage:"),
+        (&["cm5", "127.0.0.1:70000"], 2, "usage:"),
         (&["cm5", "127.0.0.1:0", "more"], 2, "usage:"),
         (&["cm5", &place], 1, "EADDRINUSE"),
     ] {
@@ -141,31 +143,41 @@ fn what_is_wrong_is_said_in_a_line() {
 
 #[test]
 #[ignore = "needs Node and what .ci/page builds"]
-fn a_panic_has_its_text_and_another_instance_starts() {
-    let script = "
-        const { readFileSync } = require('node:fs');
-        WebAssembly.compile(readFileSync(process.argv[1])).then(async (module) => {
-            const start = async () => (await WebAssembly.instantiate(module)).exports;
-            // Where the memory is may change with `room`.
-            const place = ({ memory, room }, length) => ((at) => Buffer.from(memory.buffer, at, length))(room(length));
-            const text = (board, length) => place(board, length).toString();
-            const give = (board, text) => place(board, text.length).write(text);
-            const first = await start();
-            give(first, 'nothing');
-            console.log(text(first, first.start(7)));
-            try { first.advance(1000); } catch { console.log(text(first, first.panic_text())); }
-            const second = await start();
-            give(second, 'pms5005 0');
-            console.log(second.start(9));
-            second.advance(1000000);
-            console.log(second.take());
-        });";
+fn a_stop_does_not_wait_behind_what_another_has_sent() {
+    let board = Board::start("pms5005");
+    let mut client = board.client();
+    // 87 seconds of the line, by one who then goes.
+    let mut other = TcpStream::connect(&board.1).unwrap();
+    thread::spawn(move || other.write_all(&[0x55; 1_000_000]));
+    thread::sleep(Duration::from_millis(500));
+    assert!(client.stop().unwrap().confirmed);
+}
+
+#[test]
+#[ignore = "needs Node and what .ci/page builds"]
+fn a_panic_has_its_text_whatever_is_called_next_and_another_board_starts() {
+    let instance = Path::new(env!("CARGO_MANIFEST_DIR")).join("browser/instance.mjs");
+    let script = format!(
+        "import {{ Board }} from '{}';
+         import {{ readFileSync }} from 'node:fs';
+         const module = await WebAssembly.compile(readFileSync(process.argv[1]));
+         const thrown = (act) => {{ try {{ act(); }} catch (error) {{ return error.message.split('\\n')[1]; }} }};
+         console.log(await Board.start(module, 'nothing').catch((error) => error.message));
+         const board = await Board.start(module, 'pms5005 0');
+         // No bytes of this number fit into the memory.
+         console.log(thrown(() => board.feed({{ length: 2 ** 32 - 1 }})));
+         console.log(thrown(() => board.advance(1000)));
+         const another = await Board.start(module, 'pms5005 0');
+         another.advance(1e6);
+         console.log(another.take().length);",
+        instance.display()
+    );
     let module = target().join("one-file/board.wasm");
-    let said = Command::new("node").args(["-e", script]).arg(module).output().unwrap();
-    let said = String::from_utf8(said.stdout).unwrap();
-    let lines: Vec<_> = said.lines().collect();
-    assert!(lines[0].starts_with("nothing: no personality"), "{said}");
-    assert!(lines[1].contains("panicked at") && said.contains("`start` comes first"), "{said}");
-    assert_eq!(lines[3], "0", "{said}");
-    assert!(lines[4].parse::<u32>().unwrap() > 8, "{said}");
+    let words = ["--input-type=module", "-e", &script];
+    let said = Command::new("node").args(words).arg(module).output().unwrap();
+    let text = String::from_utf8([said.stdout, said.stderr].concat()).unwrap();
+    let lines: Vec<_> = text.lines().collect();
+    assert!(lines[0].starts_with("nothing: no personality"), "{text}");
+    assert_eq!(lines[1..3], ["capacity overflow"; 2], "{text}");
+    assert!(lines[3].parse::<u32>().unwrap() > 8, "{text}");
 }

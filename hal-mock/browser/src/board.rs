@@ -94,6 +94,11 @@ impl Board {
         self.machine.line().host_sends(bytes);
     }
 
+    /// Bytes of the host that have not arrived at the board yet.
+    pub fn backlog(&self) -> usize {
+        self.machine.line().backlog()
+    }
+
     /// The next frame that has arrived at the host.
     pub fn take(&mut self) -> Option<Vec<u8>> {
         self.machine.line().host_receives().map(|(_, frame)| frame)

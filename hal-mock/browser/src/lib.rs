@@ -5,13 +5,13 @@
 //!  page ──says──> Panel ──bytes──> Line ──> firmware's tasks ──> Plant       all on the board's time,
 //!       <─hears──       <──────         <──────                              which `advance` moves
 //! ```
-//! It imports nothing, and exports what stands below. Bytes and texts (UTF-8) go both ways through one buffer:
+//! It imports nothing; of what it exports, what stands below is for its host. Bytes and texts (UTF-8) go both ways through one buffer:
 //! [`room`] makes it so long and says where it is; who gives bytes then tells how many they are, and what
 //! answers with bytes answers how many they are, 0 for none.
 //!
 //! - [`start`] comes first. An instance of the module is one board.
 //! - Its line has one host: whoever [`feed`]s and [`take`]s, or a page from [`open_page`] on.
-//! - A panic leaves an instance of which [`panic_text`] alone can be called.
+//! - A panic, from the first [`start`] on, leaves an instance of which [`panic_text`] alone can be called.
 
 mod board;
 
@@ -20,7 +20,7 @@ use std::cell::{Cell, RefCell};
 use board::Board;
 
 thread_local! {
-    static BUFFER: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
+    static BUFFER: Cell<Vec<u8>> = const { Cell::new(Vec::new()) };
     static BOARD: RefCell<Option<Board>> = const { RefCell::new(None) };
     /// What the board's settings are to be found in, once it starts.
     static FLASH: Cell<Vec<u8>> = const { Cell::new(Vec::new()) };
@@ -37,7 +37,9 @@ fn with<T>(act: impl FnOnce(&mut Board) -> T) -> T {
 
 /// The first `length` bytes of the buffer.
 fn given(length: usize) -> Vec<u8> {
-    BUFFER.with_borrow(|buffer| buffer.iter().copied().take(length).collect())
+    let mut bytes = BUFFER.take();
+    bytes.truncate(length);
+    bytes
 }
 
 fn given_text(length: usize) -> String {
@@ -46,18 +48,20 @@ fn given_text(length: usize) -> String {
 
 /// Puts an answer into the buffer: its length.
 fn answer(bytes: Vec<u8>) -> usize {
-    BUFFER.replace(bytes);
-    BUFFER.with_borrow(Vec::len)
+    let length = bytes.len();
+    BUFFER.set(bytes);
+    length
 }
 
 /// Makes the buffer `length` bytes long, and says where it is. What is in it stays. Where the memory is may
 /// change with every call: it is to be looked for afterwards.
 #[unsafe(no_mangle)]
 pub extern "C" fn room(length: usize) -> *mut u8 {
-    BUFFER.with_borrow_mut(|buffer| {
-        buffer.resize(length, 0);
-        buffer.as_mut_ptr()
-    })
+    let mut buffer = BUFFER.take();
+    buffer.resize(length, 0);
+    let place = buffer.as_mut_ptr();
+    BUFFER.set(buffer);
+    place
 }
 
 /// Takes what the flash of the board that starts next holds, as [`flash_out`] has told it.
@@ -90,6 +94,12 @@ pub extern "C" fn advance(until_us: f64) {
 #[unsafe(no_mangle)]
 pub extern "C" fn feed(length: usize) {
     with(|board| board.feed(&given(length)));
+}
+
+/// How many bytes of the host have not arrived at the board yet.
+#[unsafe(no_mangle)]
+pub extern "C" fn backlog() -> usize {
+    with(|board| board.backlog())
 }
 
 /// The next frame that has arrived at the host.

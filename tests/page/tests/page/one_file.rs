@@ -91,9 +91,9 @@ fn it_says_what_it_is_and_a_motor_turns_within_five_seconds() {
         until("motor 1 turns", || (page.velocity() > 100.0).then_some(()));
         begun.elapsed()
     });
-    let best = took.min().unwrap();
-    println!("first motion {} ms after the file is opened", best.as_millis());
-    assert!(best < FIRST_MOTION, "{best:?}");
+    let longest = took.max().unwrap();
+    println!("first motion {} ms after the file is opened", longest.as_millis());
+    assert!(longest < FIRST_MOTION, "{longest:?}");
     assert!(page.0.text("#simulation").contains("A simulation."));
     assert!(page.0.text("#simulation details").contains("handwheel web"));
     std::fs::write(page::screenshot_file("one-file"), page.0.screenshot()).unwrap();
@@ -145,6 +145,31 @@ fn an_obstacle_stops_it_and_what_is_saved_is_there_when_it_is_opened_again() {
 }
 
 #[test]
+fn what_cannot_be_kept_is_said_and_what_was_damaged_is_as_never_saved() {
+    let page = Page::open();
+    page.0.js(
+        "localStorage.setItem('virtual-board pms5005', '%%%');
+         Storage.prototype.setItem = () => { throw new Error('full'); };",
+        &[],
+    );
+    page.arm();
+    page.tab("settings");
+    until("the setting", || {
+        (page.0.property(&format!("{GUARD} input"), "value") == "0").then_some(())
+    });
+    page.0.enter(&format!("{GUARD} input"), "1");
+    page.0.press(ENTER);
+    page.until_text("#unsaved", "Not saved");
+    page.0.click("#save");
+    page.until_text("#simulation-alert", "storage is full or forbidden");
+    page.load();
+    page.tab("settings");
+    until("the setting", || {
+        (page.0.property(&format!("{GUARD} input"), "value") == "0").then_some(())
+    });
+}
+
+#[test]
 fn a_picture_comes_to_the_lcd() {
     let page = Page::open();
     page.arm();
@@ -166,9 +191,13 @@ fn in_a_hidden_tab_the_boards_time_stands() {
     page.drive(1, 4000);
     until("motor 1 turns", || (page.velocity() > 3000.0).then_some(()));
     let window = page.0.window();
+    let board_ms = || page.truth()["t_ms"].as_u64().unwrap();
+    let before = board_ms();
     page.0.new_tab();
-    std::thread::sleep(Duration::from_millis(2000));
+    std::thread::sleep(Duration::from_millis(4000));
     page.0.switch_to(&window);
+    let passed = board_ms() - before;
+    assert!(passed < 2000, "{passed} ms of the board's time");
     until("the page goes on", || (page.velocity() == 0.0).then_some(()));
     // What it drove was stopped when it was hidden, and nothing had fallen silent meanwhile.
     let truth = page.truth();
@@ -179,8 +208,8 @@ fn in_a_hidden_tab_the_boards_time_stands() {
 fn another_controller_is_chosen_and_the_choice_is_kept() {
     let page = Page::open();
     page.0.js("const which = document.querySelector('#simulation-which'); which.value = 'cm5'; which.dispatchEvent(new Event('change'));", &[]);
-    until("a CM-5", || (page.0.text("#title").contains("CM-5")).then_some(()));
-    page.load();
+    until("a CM-5", || (page.0.text("#title") == "CM-5, simulated").then_some(()));
+    page.0.js("location.reload();", &[]);
     until("a CM-5", || (page.0.count("[data-id='6']") == 1).then_some(()));
     page.0.js("const which = document.querySelector('#simulation-which'); which.value = 'pioneer-arm'; which.dispatchEvent(new Event('change'));", &[]);
     until("an arm", || (page.0.count("[data-joint='6']") == 1).then_some(()));
@@ -195,7 +224,7 @@ fn a_board_that_panics_says_why_and_starts_anew() {
          const { hear } = Board.prototype;
          Board.prototype.hear = () => { Board.prototype.hear = hear; throw new Error('planted'); };",
     );
-    page.until_text("#simulation-alert", "The simulation has ended: planted");
+    page.until_text("#simulation-alert", "without what was not saved: planted");
     std::thread::sleep(GLANCE);
     page.until_online();
     page.arm();

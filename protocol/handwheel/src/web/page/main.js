@@ -71,7 +71,7 @@ function showBoard(board) {
   for (const [name, tab] of tabs) tab.hidden = !fits.includes(name);
   const wanted = location.hash.replace("#/", "");
   choose(fits.includes(wanted) ? wanted : fits[0]);
-  const title = board.title || board.kind || "handwheel";
+  const title = (board.title || board.kind || "handwheel") + (board.is_virtual ? ", simulated" : "");
   put(document.getElementById("title"), title);
   document.title = `${title} – handwheel`;
   showLink();
