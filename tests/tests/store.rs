@@ -151,6 +151,20 @@ fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new() {
 }
 
 #[test]
+fn flash_that_cannot_be_read_is_not_taken_for_empty_and_erased() {
+    let (flash, n) = save_until(|_| true);
+    for cut in 0..RECORD {
+        let flash = copy(&flash);
+        flash.lose_power_after(cut, false);
+        assert_eq!(
+            (save(&flash, n + 1), flash.erases()),
+            (Err(SaveFailed), 0),
+            "after {cut} bytes"
+        );
+    }
+}
+
+#[test]
 fn power_lost_at_any_byte_of_a_save_into_an_empty_sector_leaves_the_old_or_the_new() {
     // The last record of the first sector, then one of the second.
     let (full, _) = save_until(|flash| flash.image()[SECTOR] != 0xFF);
