@@ -316,7 +316,9 @@ impl Model {
             }
         }
         if lost {
-            for servo in self.servos.iter_mut().filter(|servo| !servo.slews) {
+            // What was asked a moment ago may come behind the loss, with a sign of life.
+            let moving = |servo: &&mut Servo| !servo.slews && period - servo.since > SLACK;
+            for servo in self.servos.iter_mut().filter(moving) {
                 servo.rests = Some(servo.rests.unwrap_or(period));
             }
         }
