@@ -29,7 +29,7 @@ pub(super) struct Board<S: Session> {
     pub now: Snapshot,
     pub before: Snapshot,
     pub settings: Settings,
-    /// What the flash holds, and what was being saved when power failed.
+    /// What the flash holds, and what was being saved when power failed or a task hung.
     saved: Option<Settings>,
     being_saved: Option<Settings>,
     /// What is being saved, and whether a program is being started.
@@ -128,8 +128,10 @@ impl<S: Session + 'static> Board<S> {
                     reset => self.reset == Some(reset),
                 };
                 assert!(is_expected, "the board starts again: {:?}", boot.reset);
+                // A board that starts in the middle of a save never says what came of it.
+                self.being_saved = self.being_saved.or(self.saving.take());
                 self.check_stored(&settings, boot.settings);
-                (self.reset, self.is_starting, self.saving) = (None, false, None);
+                (self.reset, self.is_starting) = (None, false);
                 self.settings = *settings;
                 self.model = Model::new(settings.control);
             }
@@ -179,9 +181,7 @@ impl<S: Session + 'static> Board<S> {
     /// Power is gone and comes back, in the middle of a save if [`lose_power_after`](Flash) said so. The
     /// board starts in the next millisecond.
     pub fn power_fails(&mut self) {
-        if self.it.flash.restore_power() {
-            self.being_saved = self.being_saved.or(self.saving.take());
-        }
+        self.it.flash.restore_power();
         self.reset = Some(ResetCause::Power);
         self.it.start_again(ResetCause::Power);
     }
