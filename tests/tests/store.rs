@@ -89,7 +89,10 @@ fn recovers(flash: &Flash, n: u32, what: &str) {
         assert_eq!(origin, Origin::Stored, "{what}");
     }
     assert_eq!(load(&flash), (found, origin), "{what}: and at every boot");
+    let before = flash.erases();
     save(&flash, n + 2).unwrap_or_else(|_| panic!("{what}: cannot save again"));
+    let erased = flash.erases() - before;
+    assert!(erased <= 2, "{what}: {erased} erases in one save");
     assert_eq!(load(&flash), (settings(n + 2), Origin::Stored), "{what}");
 }
 

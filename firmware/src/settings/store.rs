@@ -10,7 +10,7 @@
 //!   flash that is damaged or foreign means defaults too, and [`Origin`] says so;
 //! - a save erases one sector at the most, and none in all but one of a dozen saves: a
 //!   record is appended to its sector, and the next sector was erased when this one was begun. Only
-//!   damaged flash takes more.
+//!   the save behind one that power failed in may take two, and damaged flash more.
 //!
 //! The flash blocks, and so does everything here: nothing awaits, and `block_on` never waits.
 //!
