@@ -34,6 +34,7 @@ struct State {
     /// When power will be lost: bytes until then, and whether the next one is half done.
     power: Option<(usize, bool)>,
     erases: u32,
+    writes: u32,
 }
 
 /// Why the flash did not do what it was asked.
@@ -110,7 +111,8 @@ impl Flash {
     }
 
     fn holding(bytes: Vec<u8>, file: Option<File>) -> Self {
-        Self(Rc::new(RefCell::new(State { bytes, file, is_behind: false, power: None, erases: 0 })))
+        let (is_behind, power, erases, writes) = (false, None, 0, 0);
+        Self(Rc::new(RefCell::new(State { bytes, file, is_behind, power, erases, writes })))
     }
 
     /// Loses power when so many bytes more have been written or erased; with `torn`, the next one
@@ -132,6 +134,11 @@ impl Flash {
     /// Sectors erased so far.
     pub fn erases(&self) -> u32 {
         self.0.borrow().erases
+    }
+
+    /// Times that it was written so far.
+    pub fn writes(&self) -> u32 {
+        self.0.borrow().writes
     }
 }
 
@@ -226,6 +233,7 @@ impl NorFlash for Flash {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         check_write(self, offset, bytes.len()).map_err(FlashError::Place)?;
         let mut state = self.0.borrow_mut();
+        state.writes += 1;
         state.change(offset as usize, |i, old| old & bytes[i], bytes.len())
     }
 }

@@ -39,6 +39,8 @@ pub(super) struct Board<S: Session> {
     reset: Option<ResetCause>,
     /// Motion commands for motors that the session has asked for.
     pub moves: u32,
+    /// Times that the flash was written.
+    writes: u32,
     /// Milliseconds, and times that each fault has tripped, by its number.
     pub ms: u64,
     pub faults: [u32; 32],
@@ -75,6 +77,7 @@ impl<S: Session + 'static> Board<S> {
             is_starting: false,
             reset: Some(ResetCause::Power),
             moves: 0,
+            writes: 0,
             ms: 0,
             faults: [0; 32],
             starts: 0,
@@ -98,6 +101,11 @@ impl<S: Session + 'static> Board<S> {
 
     fn look(&mut self) {
         let mut last = std::mem::replace(&mut self.now, self.it.snapshot());
+        // A command that has waited for the save may drive again in the next period.
+        let is_off = last.outputs.are_off() || self.now.outputs.are_off();
+        let writes = self.it.flash.writes();
+        assert!(is_off || writes == self.writes, "saved while something is driven");
+        self.writes = writes;
         while let Some(event) = { self.log.borrow_mut().pop_front() } {
             self.heed(event);
         }
@@ -150,7 +158,6 @@ impl<S: Session + 'static> Board<S> {
             Event::Starting => (self.model.is_held, self.is_starting) = (true, true),
             Event::Done(result) => match (result, self.saving.take()) {
                 (Ok(()), Some(settings)) => {
-                    assert!(self.before.outputs.are_off(), "saved while something is driven");
                     (self.saved, self.being_saved) = (Some(settings), None);
                     self.saves += 1;
                     self.model.is_held = !self.has_started();
