@@ -25,8 +25,9 @@ pub(super) struct Board<S: Session> {
     pub it: VirtualBoard<Watched<S>>,
     log: Log,
     pub model: Model,
-    /// The newest snapshot, and the one before.
+    /// The newest snapshot, and the one before; between them another, if a period came late.
     pub now: Snapshot,
+    pub between: Snapshot,
     pub before: Snapshot,
     pub settings: Settings,
     /// What the flash holds, and what was being saved when power failed or a task hung.
@@ -69,6 +70,7 @@ impl<S: Session + 'static> Board<S> {
             log,
             model: Model::new(settings.control),
             now: Snapshot::BOOT,
+            between: Snapshot::BOOT,
             before: Snapshot::BOOT,
             settings,
             saved: None,
@@ -113,6 +115,7 @@ impl<S: Session + 'static> Board<S> {
         if self.now.counters.periods < last.counters.periods {
             (last, self.before) = (Snapshot::BOOT, Snapshot::BOOT);
         }
+        self.between = last;
         let now = &self.now;
         self.model.look(now, &self.it.plant.borrow());
         if now.faults != last.faults {

@@ -345,9 +345,10 @@ impl Trial {
                 }
                 self.wire.clock = Some((state.time_ms, now()));
                 let is_news = self.wire.dirty_until >= now();
+                let Board { now, between, before, .. } = &self.board;
                 for (i, told) in state.channels.iter().enumerate() {
                     let is_so =
-                        is_so(told, i, &self.board.now) || is_so(told, i, &self.board.before);
+                        [now, between, before].iter().any(|told_of| is_so(told, i, told_of));
                     assert!(is_so || is_news, "it is not so: {told:?}");
                 }
             }
