@@ -23,6 +23,8 @@ use super::{Choices, world};
 const DAMAGE_LASTS: u64 = 1100;
 /// Milliseconds from a frame on the line to its acknowledgement, and from a reset to the first answer.
 const ANSWERED_WITHIN: u64 = 60;
+/// Milliseconds from a frame on the line until control has seen it as a sign of life: it may be late by 46.
+const SEEN_WITHIN: u64 = ANSWERED_WITHIN + 50;
 
 /// What befalls the board.
 #[derive(Clone, Copy, Debug)]
@@ -309,8 +311,7 @@ impl Trial {
             }
         }
         let time = u64::from(self.board.settings.control.link_timeout);
-        let is_silent =
-            now() > self.wire.last_sent.max(self.wire.dirty_until) + time + ANSWERED_WITHIN;
+        let is_silent = now() > self.wire.last_sent.max(self.wire.dirty_until) + time + SEEN_WITHIN;
         if is_silent && time > 0 && self.wire.has_been_heard && !self.board.model.is_held {
             assert!(self.board.now.link_loss, "its host has been silent for {time} ms");
         }
