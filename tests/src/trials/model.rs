@@ -48,7 +48,7 @@ struct Motor {
     /// The last motion command that the controller may still be about to carry out: whether it is a
     /// stop, how long it takes, and when it was given.
     coming: Option<(bool, u16, u32)>,
-    /// When it was last given while another was still coming. If one of them is refused, the one that
+    /// When it was last given, or a count was set, while another was still coming. If one of them is refused, the one that
     /// moved the channel may be another than was thought.
     doubted: Option<u32>,
     latched_for: u32,
@@ -149,7 +149,9 @@ impl Model {
             Command::SetCount { channel, .. } => {
                 let motor = &mut self.motors[channel.index()];
                 // A move that is still to come may be paused before the count is set.
-                if motor.coming.take().is_some() || matches!(motor.asked, Asked::Pause { .. }) {
+                let is_coming = motor.coming.take().is_some();
+                motor.doubted = is_coming.then_some(period).or(motor.doubted);
+                if is_coming || matches!(motor.asked, Asked::Pause { .. }) {
                     (motor.asked, motor.since) = (Asked::Unknown, period);
                 }
             }
