@@ -40,14 +40,44 @@ enum Asked {
     Unknown,
 }
 
+impl Asked {
+    /// What is left when it was suspended.
+    fn suspended(self) -> Self {
+        match self {
+            Self::Motion { timed } => Self::Pause { timed },
+            Self::Stop { .. } | Self::Silence { .. } | Self::Hold { .. } => Self::Nothing,
+            other => other,
+        }
+    }
+
+    /// What comes back when it was resumed.
+    fn resumed(self) -> Self {
+        match self {
+            Self::Pause { timed } => Self::Motion { timed },
+            other => other,
+        }
+    }
+}
+
+/// A motion command that the controller may still be about to carry out.
+#[derive(Clone, Copy, Debug)]
+struct Coming {
+    is_stop: bool,
+    periods: u16,
+    /// When it was given.
+    at: u32,
+    /// A suspension came behind it, and then a resume.
+    is_suspended: bool,
+    is_resumed: bool,
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Motor {
     asked: Asked,
     /// The period of that.
     since: u32,
-    /// The last motion command that the controller may still be about to carry out: whether it is a
-    /// stop, how long it takes, and when it was given.
-    coming: Option<(bool, u16, u32)>,
+    /// The last that is still to come.
+    coming: Option<Coming>,
     /// When it was last given, or a count was set, while another was still coming. If one of them is refused, the one that
     /// moved the channel may be another than was thought.
     doubted: Option<u32>,
@@ -131,7 +161,13 @@ impl Model {
                 for (motor, target) in self.motors.iter_mut().zip(targets) {
                     if let Some(target) = target {
                         motor.doubted = motor.coming.map(|_| period).or(motor.doubted);
-                        motor.coming = Some((is_stop(method, target), periods, period));
+                        motor.coming = Some(Coming {
+                            is_stop: is_stop(method, target),
+                            periods,
+                            at: period,
+                            is_suspended: false,
+                            is_resumed: false,
+                        });
                     }
                 }
             }
@@ -168,15 +204,11 @@ impl Model {
             let (motor, servo) =
                 (&mut self.motors[channel.index()], &mut self.servos[channel.index()]);
             if scope == Scope::All || scope == Scope::Motor(channel) {
-                let asked = match (run, motor.asked) {
-                    (true, Asked::Pause { timed }) => Asked::Motion { timed },
-                    (true, other) => other,
-                    (false, Asked::Motion { timed }) => Asked::Pause { timed },
-                    (false, Asked::Stop { .. } | Asked::Silence { .. } | Asked::Hold { .. }) => {
-                        Asked::Nothing
-                    }
-                    (false, other) => other,
-                };
+                if let Some(coming) = &mut motor.coming {
+                    coming.is_suspended |= !run;
+                    coming.is_resumed = run;
+                }
+                let asked = if run { motor.asked.resumed() } else { motor.asked.suspended() };
                 if asked != motor.asked {
                     (motor.asked, motor.since) = (asked, period);
                 }
@@ -217,7 +249,7 @@ impl Model {
             let period = now.counters.periods;
             for motor in &mut self.motors {
                 motor.since = period;
-                motor.coming = motor.coming.map(|(is_stop, periods, _)| (is_stop, periods, period));
+                motor.coming = motor.coming.map(|coming| Coming { at: period, ..coming });
                 motor.doubted = motor.doubted.map(|_| period);
             }
             self.moves.fill(period);
@@ -270,20 +302,31 @@ impl Model {
             if has_moved {
                 motor.asked = match motor.coming.take() {
                     _ if is_ambiguous => Asked::Unknown,
-                    Some((true, periods, _)) => {
+                    Some(Coming { is_stop, periods, is_suspended, is_resumed, .. }) => {
                         let by = period + u32::from(periods) + SLACK;
-                        Asked::Stop { by: Some(by).filter(|_| !accelerates) }
+                        let asked = match is_stop {
+                            true => Asked::Stop { by: Some(by).filter(|_| !accelerates) },
+                            false => Asked::Motion { timed: periods > 0 },
+                        };
+                        match (is_suspended, is_resumed) {
+                            (false, _) => asked,
+                            (true, false) => asked.suspended(),
+                            (true, true) => asked.suspended().resumed(),
+                        }
                     }
-                    Some((_, periods, _)) => Asked::Motion { timed: periods > 0 },
-                    // One that was told with the one before, and came after it.
-                    None if period - motor.since <= SLACK => motor.asked,
+                    // One that was told with the one before, and came after it; or after a fault that
+                    // stopped that.
+                    None if period - motor.since <= SLACK => match motor.asked {
+                        Asked::Nothing => Asked::Unknown,
+                        asked => asked,
+                    },
                     None => Asked::Motion { timed: true },
                 };
                 motor.since = period;
             } else if is_ambiguous && motor.doubted.is_some_and(|at| period - at <= SLACK) {
                 (motor.asked, motor.since) = (Asked::Unknown, period);
             }
-            motor.coming = motor.coming.filter(|(.., at)| period - at <= SLACK);
+            motor.coming = motor.coming.filter(|coming| period - coming.at <= SLACK);
             if lost {
                 motor.asked = match (motor.asked, now.channels[i].set_point) {
                     (Asked::Nothing | Asked::Pause { .. }, _) => Asked::Nothing,
