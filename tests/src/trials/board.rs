@@ -40,6 +40,8 @@ pub(super) struct Board<S: Session> {
     reset: Option<ResetCause>,
     /// Motion commands for motors that the session has asked for.
     pub moves: u32,
+    /// And commands that let servos slew.
+    pub slews: u32,
     /// Times that the flash was written.
     writes: u32,
     /// Milliseconds, and times that each fault has tripped, by its number.
@@ -79,6 +81,7 @@ impl<S: Session + 'static> Board<S> {
             is_starting: false,
             reset: Some(ResetCause::Power),
             moves: 0,
+            slews: 0,
             writes: 0,
             ms: 0,
             faults: [0; 32],
@@ -148,6 +151,7 @@ impl<S: Session + 'static> Board<S> {
             }
             Event::Asked(command) => {
                 self.moves += u32::from(matches!(command, Command::MoveMotors { .. }));
+                self.slews += u32::from(matches!(command, Command::SlewServos(_)));
                 self.model.asked(&command, &self.now);
             }
             Event::Adopted(settings) => {
