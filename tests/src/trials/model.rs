@@ -14,62 +14,14 @@ use firmware::ports::MotorOutput;
 use firmware::settings::{ControlSettings, SoftLimits};
 use hal_mock::plant::Plant;
 
+use super::asked::{Asked, Coming};
+
 /// Periods from a command to what it does: it waits for its turn, and settings wait for theirs.
 const SLACK: u32 = 12;
 /// Periods in which silence stops what a PWM or a velocity drives, as the manual of ours says.
 const STOPS_WITHIN: u32 = 100;
 /// A latched channel's shaft is at rest after so many.
 const COASTS: u32 = 5000;
-
-/// What a channel was last asked for, and so what it may do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Asked {
-    /// Nothing, or it was stopped for good: it is off.
-    Nothing,
-    /// To move.
-    Motion { timed: bool },
-    /// To move, and then to pause: it is off until it is resumed.
-    Pause { timed: bool },
-    /// To stop. From this period on, if it is known, its set-point is 0.
-    Stop { by: Option<u32> },
-    /// Nothing any more: its host fell silent, under way or not. It is off from this period on.
-    Silence { by: u32, under_way: bool },
-    /// The same of a position loop: from this period on its set-point stays.
-    Hold { by: u32, at: Option<SetPoint> },
-    /// It was paused, and its move may be forgotten.
-    Unknown,
-}
-
-impl Asked {
-    /// What is left when it was suspended.
-    fn suspended(self) -> Self {
-        match self {
-            Self::Motion { timed } => Self::Pause { timed },
-            Self::Stop { .. } | Self::Silence { .. } | Self::Hold { .. } => Self::Nothing,
-            other => other,
-        }
-    }
-
-    /// What comes back when it was resumed.
-    fn resumed(self) -> Self {
-        match self {
-            Self::Pause { timed } => Self::Motion { timed },
-            other => other,
-        }
-    }
-}
-
-/// A motion command that the controller may still be about to carry out.
-#[derive(Clone, Copy, Debug)]
-struct Coming {
-    is_stop: bool,
-    periods: u16,
-    /// When it was given.
-    at: u32,
-    /// A suspension came behind it, and then a resume.
-    is_suspended: bool,
-    is_resumed: bool,
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Motor {
@@ -78,8 +30,8 @@ struct Motor {
     since: u32,
     /// The last that is still to come.
     coming: Option<Coming>,
-    /// When it was last given, or a count was set, while another was still coming. If one of them is refused, the one that
-    /// moved the channel may be another than was thought.
+    /// When it was last given, or a count set, while another was still coming. If one of them is refused,
+    /// the one that moved the channel may be another than was thought.
     doubted: Option<u32>,
     latched_for: u32,
     /// A setting may have stopped it since, as silence would.
