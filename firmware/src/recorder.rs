@@ -191,7 +191,7 @@ impl<R: Rows> Recorder<R> {
                 let recording = &mut self.recording;
                 recording.phase = Phase::Recording;
                 recording.before = recording.taken;
-                recording.triggered_ms = snapshot.counters.uptime_ms();
+                recording.triggered_ms = snapshot.counters.uptime_ms;
                 self.wait = 0;
             }
             Phase::Waiting | Phase::Recording => {}
@@ -283,8 +283,8 @@ mod tests {
 
         fn run(&mut self, periods: u32) {
             for _ in 0..periods {
-                self.snapshot.counters.periods += 1;
-                let now = self.snapshot.counters.periods as i32;
+                self.snapshot.counters.uptime_ms += 1;
+                let now = self.snapshot.counters.uptime_ms as i32;
                 for (i, channel) in (0..).zip(&mut self.snapshot.channels) {
                     channel.position = now + 1000 * i;
                 }

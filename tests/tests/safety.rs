@@ -1,7 +1,9 @@
 //! What must not move does not: silence of the host, obstacles, commands that are refused.
 
+use embassy_time::{Duration, Instant};
 use firmware::settings::Settings;
 use hal_mock::board::Make;
+use hal_mock::clock;
 use hal_mock::plant::{Motor, MotorScene, Scene, ShaftSensor};
 use protocol::extension::Request;
 use protocol::pms5005::{
@@ -343,6 +345,57 @@ fn a_timed_move_goes_on_without_a_host_for_as_long_as_a_setting_says() {
         let line = 12_000 * ends_at / 20_000;
         assert!((bench.position(0) - line).abs() <= 150, "{longest_move}: {}", bench.position(0));
     }
+}
+
+/// Lets control be 30 ms late four times: 120 ms pass in four periods, and some between.
+fn be_late(bench: &mut Bench) {
+    for _ in 0..4 {
+        clock::advance_to(Instant::now() + Duration::from_millis(30));
+        bench.run_ms(5);
+    }
+}
+
+#[test]
+fn a_stop_that_time_makes_comes_in_time_although_control_was_late() {
+    // The host's silence.
+    let mut bench = everything_moving();
+    let begun = Instant::now();
+    bench.run_ms(500);
+    be_late(&mut bench);
+    bench.until(Silent, 2100, |bench| bench.bridge(0).0 != 8000);
+    let silent = begun.elapsed().as_millis();
+    assert!((1985..=2000).contains(&silent), "{silent}");
+    // The stop itself.
+    be_late(&mut bench);
+    assert_eq!((bench.bridge(0), bench.bridge(1)), ((0, false), (0, false)));
+    // The end of a timed move without a host, 10 s after its last sign of life.
+    let mut bench = left_on_a_move(20_000, Settings::DEFAULT);
+    let begun = Instant::now();
+    bench.run_ms(5000);
+    be_late(&mut bench);
+    bench.run_ms(9990 - begun.elapsed().as_millis());
+    assert!(bench.velocity(0) > 500.0, "{}", bench.velocity(0));
+    bench.run_ms(110);
+    assert!(bench.velocity(0) < 100.0, "{}", bench.velocity(0));
+    // The age of a motion command.
+    let mut settings = Settings::DEFAULT;
+    settings.control.oldest_command = 700;
+    let mut bench = Bench::with(Make { settings, ..Make::default() });
+    bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+    let begun = Instant::now();
+    bench.run_ms(50);
+    be_late(&mut bench);
+    bench.until(Silent, 2100, |bench| bench.bridge(0).0 != 8000);
+    let age = begun.elapsed().as_millis();
+    assert!((700..=705).contains(&age), "{age}");
+    // What a fault's record tells of it.
+    let mut bench = everything_moving();
+    let begun = Instant::now().as_millis();
+    be_late(&mut bench);
+    bench.run_ms(3000);
+    let record = bench.fault(0).record.expect("a lost link");
+    let lost = u64::from(record.uptime_ms) - begun;
+    assert!((1985..=2000).contains(&lost), "{lost}");
 }
 
 #[test]

@@ -89,7 +89,10 @@ fn recovers(flash: &Flash, n: u32, what: &str) {
         assert_eq!(origin, Origin::Stored, "{what}");
     }
     assert_eq!(load(&flash), (found, origin), "{what}: and at every boot");
+    let before = flash.erases();
     save(&flash, n + 2).unwrap_or_else(|_| panic!("{what}: cannot save again"));
+    let erased = flash.erases() - before;
+    assert!(erased <= 2, "{what}: {erased} erases in one save");
     assert_eq!(load(&flash), (settings(n + 2), Origin::Stored), "{what}");
 }
 
@@ -148,6 +151,20 @@ fn power_lost_at_any_byte_of_the_first_save_and_in_the_next_one_too_loses_nothin
 fn power_lost_at_any_byte_of_a_save_leaves_the_old_or_the_new() {
     let (flash, n) = save_until(|flash| flash.image()[RECORD / 2] != 0xFF);
     assert!((RECORD..RECORD + 128).contains(&cut_everywhere(&flash, n, 1)));
+}
+
+#[test]
+fn flash_that_cannot_be_read_is_not_taken_for_empty_and_erased() {
+    let (flash, n) = save_until(|_| true);
+    for cut in 0..RECORD {
+        let flash = copy(&flash);
+        flash.lose_power_after(cut, false);
+        assert_eq!(
+            (save(&flash, n + 1), flash.erases()),
+            (Err(SaveFailed), 0),
+            "after {cut} bytes"
+        );
+    }
 }
 
 #[test]

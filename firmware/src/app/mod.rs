@@ -140,10 +140,12 @@ pub async fn control<M: RawMutex, C: Copy>(
         let late = Instant::now().saturating_duration_since(begun);
         if late >= CONTROL_PERIOD {
             // What was missed is not made up for: no shaft has moved for it.
-            controller.period_missed(microseconds(late));
+            let mut missed = 0_u16;
             while due + CONTROL_PERIOD <= Instant::now() {
                 due += CONTROL_PERIOD;
+                missed = missed.saturating_add(1);
             }
+            controller.periods_missed(missed, microseconds(late));
         }
         let motion = port.sample();
         // No more than were waiting: a fast link must not stretch the period.

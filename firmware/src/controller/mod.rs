@@ -5,7 +5,7 @@
 //! ```
 //!
 //! It has no clock, no I/O and no protocol of its own: what a period is worth is
-//! [`CONTROL_PERIOD_MS`](crate::units::CONTROL_PERIOD_MS), commands are [`Command`]s, and the
+//! [`CONTROL_PERIOD_MS`], commands are [`Command`]s, and the
 //! [`Snapshot`] is all that a personality may tell its host.
 //!
 //! Promises: at boot the outputs are safe; a command is carried out whole or, if any part of it
@@ -30,9 +30,9 @@ use crate::safety::board::BoardMonitor;
 use crate::safety::channel::{ChannelMonitor, Observed};
 use crate::safety::faults::{Fault, FaultRecord, Stops, stops};
 use crate::safety::latch::Faults;
-use crate::safety::{CollisionGuard, LinkEvent, LinkWatch};
+use crate::safety::{CollisionGuard, LinkEvents, LinkWatch};
 use crate::settings::ControlSettings;
-use crate::units::CountsPerSecond;
+use crate::units::{CONTROL_PERIOD_MS, CountsPerSecond};
 pub use reason::Reason;
 use reason::{RefusedCommand, reason};
 use shaft::{Shaft, angle};
@@ -105,10 +105,19 @@ impl Controller {
         self.trip(fault, None, [0; 3]);
     }
 
-    /// Tells it that the period that comes begins so late that it missed another one.
-    pub fn period_missed(&mut self, latency_us: u16) {
+    /// Tells it that the period that comes begins so late that it missed others, and how many. Set-points
+    /// stand still meanwhile; what must be over after a time counts them.
+    pub fn periods_missed(&mut self, periods: u16, latency_us: u16) {
         self.counters.periods_missed = self.counters.periods_missed.wrapping_add(1);
+        self.pass(periods);
         self.board.period_missed(latency_us);
+        self.link.missed(periods);
+        self.axes.iter_mut().for_each(|axis| axis.missed(periods));
+    }
+
+    fn pass(&mut self, periods: u16) {
+        let ms = u32::from(periods).wrapping_mul(CONTROL_PERIOD_MS);
+        self.counters.uptime_ms = self.counters.uptime_ms.wrapping_add(ms);
     }
 
     /// One control period: what may be told of it, which the caller may correct.
@@ -125,6 +134,7 @@ impl Controller {
         signs_of_life: u32,
     ) -> &mut Snapshot {
         self.counters.periods = self.counters.periods.wrapping_add(1);
+        self.pass(1);
         self.moved = ChannelSet::NONE;
         self.measure(motion);
         for command in commands {
@@ -134,29 +144,23 @@ impl Controller {
             }
         }
         let ControlSettings { link_timeout, longest_move, .. } = self.settings;
-        match self.link.step(signs_of_life, link_timeout, longest_move) {
-            LinkEvent::None => {}
-            LinkEvent::Lost => {
-                self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
-                warning!("the host is silent: {} ms", link_timeout);
-                for channel in Channel::ALL {
-                    let reading = self.reading(channel);
-                    let axis = &mut self.axes[channel.index()];
-                    axis.link_lost(reading);
-                    // At once: a host that speaks in the next period would let it go on.
-                    if longest_move <= link_timeout {
-                        axis.end_move(reading);
-                    }
-                }
-                self.servos.iter_mut().for_each(Servo::link_lost);
-                let silence = i16::try_from(link_timeout).unwrap_or(i16::MAX);
-                self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
+        let LinkEvents { lost, moves_end } =
+            self.link.step(signs_of_life, link_timeout, longest_move);
+        if lost {
+            self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
+            warning!("the host is silent: {} ms", link_timeout);
+            for channel in Channel::ALL {
+                let reading = self.reading(channel);
+                self.axes[channel.index()].link_lost(reading);
             }
-            LinkEvent::MovesEnd => {
-                for channel in Channel::ALL {
-                    let reading = self.reading(channel);
-                    self.axes[channel.index()].end_move(reading);
-                }
+            self.servos.iter_mut().for_each(Servo::link_lost);
+            let silence = i16::try_from(link_timeout).unwrap_or(i16::MAX);
+            self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
+        }
+        if moves_end {
+            for channel in Channel::ALL {
+                let reading = self.reading(channel);
+                self.axes[channel.index()].end_move(reading);
             }
         }
         if let Some((fault, values)) = self.board.step(sensors, &self.settings.board_faults) {
@@ -319,7 +323,7 @@ impl Controller {
 
     /// Latches a fault, and stops what it stops.
     fn trip(&mut self, fault: Fault, channel: Option<Channel>, values: [i16; 3]) {
-        let uptime_ms = self.counters.uptime_ms();
+        let uptime_ms = self.counters.uptime_ms;
         if !self.faults.trip(FaultRecord { fault, channel, uptime_ms, values }) {
             return;
         }
@@ -341,7 +345,7 @@ impl Controller {
         let is_calm = over_current == 0 || motion.currents[channel.index()] < over_current;
         let (board, settings) = (&self.board, &self.settings.board_faults);
         let lasts = |fault| board.lasts(fault, settings);
-        self.faults.stopped(channel, self.counters.uptime_ms(), is_calm, lasts);
+        self.faults.stopped(channel, self.counters.uptime_ms, is_calm, lasts);
     }
 
     fn clear_faults(&mut self, scope: Scope, only_stops: bool) {

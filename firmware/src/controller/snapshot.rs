@@ -6,7 +6,7 @@ use crate::control::axis::{AxisRefusal, SetPoint};
 use crate::ports::{MotionInputs, MotorOutput, Outputs, Sensors};
 use crate::safety::faults::FaultRecord;
 use crate::safety::latch::Latched;
-use crate::units::{CONTROL_PERIOD_MS, CountsPerSecond, Duty, ServoPulse};
+use crate::units::{CountsPerSecond, Duty, ServoPulse};
 
 /// What an encoder says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,19 +22,14 @@ pub struct EncoderReading {
 pub struct ControlCounters {
     /// Control periods since boot; wraps.
     pub periods: u32,
+    /// The time since boot in ms, by those and what was missed between them; wraps after 49 days.
+    pub uptime_ms: u32,
     /// Commands refused.
     pub refused: Refusals,
     /// Times the host fell silent; wraps.
     pub links_lost: u32,
-    /// Control periods that began so late that they were missed; wraps.
+    /// Control periods that began so late that others were missed; wraps.
     pub periods_missed: u32,
-}
-
-impl ControlCounters {
-    /// Since boot, in ms; wraps after 49 days.
-    pub fn uptime_ms(&self) -> u32 {
-        self.periods.wrapping_mul(CONTROL_PERIOD_MS)
-    }
 }
 
 /// Commands refused, by reason. They wrap.
@@ -180,6 +175,7 @@ impl Snapshot {
         moved: ChannelSet::NONE,
         counters: ControlCounters {
             periods: 0,
+            uptime_ms: 0,
             refused: Refusals::NONE,
             links_lost: 0,
             periods_missed: 0,

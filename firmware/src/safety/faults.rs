@@ -143,8 +143,7 @@ pub struct FaultRecord {
     pub fault: Fault,
     /// Of which channel; `None` is the board.
     pub channel: Option<Channel>,
-    /// Uptime in ms when it tripped, by the control periods until then: periods that were missed, and
-    /// the time of an erase, are not in it.
+    /// Uptime in ms when it tripped.
     pub uptime_ms: u32,
     /// What was true then, by the fault: the extension's table of faults names the values.
     pub values: [i16; 3],

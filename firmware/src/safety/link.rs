@@ -7,43 +7,44 @@
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkWatch {
     signs: u32,
-    /// Control periods since the last sign of life; `None` before the first.
+    /// Milliseconds since the last sign of life; `None` before the first.
     silence: Option<u16>,
     lost: bool,
+    /// Timed moves have been told to end.
+    moves_ended: bool,
 }
 
-/// What a period has brought.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LinkEvent {
+/// What a period has brought. Both may come at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LinkEvents {
     /// The host has just fallen silent.
-    Lost,
+    pub lost: bool,
     /// It has been silent for so long that a timed move may go on no further.
-    MovesEnd,
-    /// Nothing new.
-    None,
+    pub moves_end: bool,
 }
 
 impl LinkWatch {
+    /// So many control periods have passed without a step.
+    pub fn missed(&mut self, periods: u16) {
+        if let Some(silence) = &mut self.silence {
+            *silence = silence.saturating_add(periods);
+        }
+    }
+
     /// One period: `signs` is the count of signs of life so far, `timeout` the silence allowed in
-    /// control periods (0: any), `longest_move` how long a timed move may go on without a host.
-    pub fn step(&mut self, signs: u32, timeout: u16, longest_move: u16) -> LinkEvent {
+    /// ms (0: any), `longest_move` how long a timed move may go on without a host.
+    pub fn step(&mut self, signs: u32, timeout: u16, longest_move: u16) -> LinkEvents {
         if signs != self.signs {
-            self.signs = signs;
-            self.silence = Some(0);
-            self.lost = false;
-            return LinkEvent::None;
+            *self = Self { signs, silence: Some(0), lost: false, moves_ended: false };
+            return LinkEvents::default();
         }
-        let Some(silence) = &mut self.silence else { return LinkEvent::None };
+        let Some(silence) = &mut self.silence else { return LinkEvents::default() };
         *silence = silence.saturating_add(1);
-        if self.lost {
-            let is_over = *silence == longest_move.max(timeout.saturating_add(1));
-            return if is_over { LinkEvent::MovesEnd } else { LinkEvent::None };
-        }
-        if timeout > 0 && *silence >= timeout {
-            self.lost = true;
-            return LinkEvent::Lost;
-        }
-        LinkEvent::None
+        let lost = !self.lost && timeout > 0 && *silence >= timeout;
+        self.lost |= lost;
+        let moves_end = self.lost && !self.moves_ended && *silence >= longest_move;
+        self.moves_ended |= moves_end;
+        LinkEvents { lost, moves_end }
     }
 
     /// Whether the host, once heard, is silent for too long.
@@ -56,24 +57,52 @@ impl LinkWatch {
 mod tests {
     use super::*;
 
+    const NOTHING: LinkEvents = LinkEvents { lost: false, moves_end: false };
+
     #[test]
     fn silence_is_noticed_once_after_exactly_the_timeout_and_moves_end_once_too() {
-        for (longest_move, moves_end) in [(3000, 3000), (2000, 2001), (0, 2001)] {
+        for longest_move in [3000, 2000, 0] {
             let mut watch = LinkWatch::default();
             for _ in 0..5000 {
-                assert_eq!(watch.step(0, 2000, longest_move), LinkEvent::None, "nobody was there");
+                assert_eq!(watch.step(0, 2000, longest_move), NOTHING, "nobody was there");
             }
             watch.step(1, 2000, longest_move);
-            let mut events = (1..65_000).map(|at| (at, watch.step(1, 2000, longest_move)));
-            assert_eq!(events.find(|(_, e)| *e != LinkEvent::None), Some((2000, LinkEvent::Lost)));
-            let next = events.find(|(_, event)| *event != LinkEvent::None);
-            assert_eq!(next, Some((moves_end, LinkEvent::MovesEnd)));
-            assert_eq!(events.find(|(_, event)| *event != LinkEvent::None), None);
+            let mut told = (1..65_000).map(|at| (at, watch.step(1, 2000, longest_move)));
+            let lost = LinkEvents { lost: true, moves_end: longest_move <= 2000 };
+            assert_eq!(told.find(|(_, events)| *events != NOTHING), Some((2000, lost)));
+            let moves_end = LinkEvents { lost: false, moves_end: true };
+            let next = (longest_move > 2000).then_some((longest_move, moves_end));
+            assert_eq!(told.find(|(_, events)| *events != NOTHING), next);
+            assert_eq!(told.find(|(_, events)| *events != NOTHING), None);
             assert!(watch.is_lost());
             watch.step(2, 2000, longest_move);
             assert!(!watch.is_lost());
-            let mut events = (0..65_000).map(|_| watch.step(2, 0, longest_move));
-            assert_eq!(events.find(|event| *event != LinkEvent::None), None, "0 is never");
+            let mut told = (0..65_000).map(|_| watch.step(2, 0, longest_move));
+            assert_eq!(told.find(|events| *events != NOTHING), None, "0 is never");
         }
+    }
+
+    #[test]
+    fn periods_that_were_missed_are_time_that_passed() {
+        let mut watch = LinkWatch::default();
+        watch.missed(5000);
+        watch.step(1, 2000, 3000);
+        let mut ms = 0;
+        let mut told = Vec::new();
+        while ms < 60_000 {
+            // Every tenth one is 25 ms late.
+            if ms % 10 == 0 {
+                watch.missed(25);
+                ms += 25;
+            }
+            ms += 1;
+            let events = watch.step(1, 2000, 3000);
+            told.extend((events != NOTHING).then_some((ms, events)));
+        }
+        let lost = LinkEvents { lost: true, moves_end: false };
+        let moves_end = LinkEvents { lost: false, moves_end: true };
+        assert!(
+            matches!(told[..], [(2000..=2025, a), (3000..=3025, b)] if (a, b) == (lost, moves_end))
+        );
     }
 }

@@ -18,4 +18,4 @@ pub mod latch;
 pub mod link;
 
 pub use collision::CollisionGuard;
-pub use link::{LinkEvent, LinkWatch};
+pub use link::{LinkEvents, LinkWatch};

@@ -8,9 +8,9 @@
 //! - the next boot has what was saved before or what was being saved, whole;
 //! - flash that holds nothing, or no more than the beginning of a first record, means defaults;
 //!   flash that is damaged or foreign means defaults too, and [`Origin`] says so;
-//! - a save erases one sector at the most, and none in all but one of some dozens of saves: a
+//! - a save erases one sector at the most, and none in all but one of a dozen saves: a
 //!   record is appended to its sector, and the next sector was erased when this one was begun. Only
-//!   damaged flash takes more.
+//!   the save behind one that power failed in may take two, and damaged flash more.
 //!
 //! The flash blocks, and so does everything here: nothing awaits, and `block_on` never waits.
 //!
@@ -22,6 +22,7 @@ use core::ops::Range;
 use embassy_futures::block_on;
 use embedded_storage::nor_flash::{ErrorType, NorFlash};
 use embedded_storage_async::nor_flash as asynchronous;
+use sequential_storage::Error;
 use sequential_storage::cache::key_pointers::ArrayKeyPointers;
 use sequential_storage::cache::{Cache, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
@@ -66,6 +67,10 @@ pub enum Origin {
 /// Why settings were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SaveFailed;
+
+/// The flash itself fails.
+#[derive(PartialEq, Eq)]
+struct Unreadable;
 
 /// Some sectors of a flash, two at least.
 pub struct Store<F> {
@@ -112,8 +117,10 @@ impl<F: NorFlash> Store<F> {
         if (0..=size / FIRST_END).any(|_| self.append(settings, &mut feed)) {
             return Ok(());
         }
-        // Nothing readable is lost: while there was a record, the map took another one.
-        if self.stored(&mut feed).is_none() {
+        // Nothing readable is lost: while there was a record, the map took another one. And flash that cannot
+        // be read now may hold one.
+        if matches!(self.fetch(&mut [0; RECORD], &mut feed), Ok(record) if record.and_then(read).is_none())
+        {
             let erased = self.erase(self.range.clone(), &mut feed);
             if erased && self.append(settings, &mut feed) {
                 return Ok(());
@@ -131,18 +138,26 @@ impl<F: NorFlash> Store<F> {
             Some(mut map) => block_on(map.store_item(&mut buffer, &KEY, &record)).is_ok(),
             None => false,
         };
-        stored && self.fetch(&mut buffer, feed) == Some(record)
+        stored && self.fetch(&mut buffer, feed) == Ok(Some(record))
     }
 
     /// The settings of the last good record, if it is one of ours.
     fn stored(&mut self, feed: Feed<'_>) -> Option<Settings> {
-        read(self.fetch(&mut [0; RECORD], feed)?)
+        read(self.fetch(&mut [0; RECORD], feed).ok()??)
     }
 
-    /// The last good record.
-    fn fetch<'b>(&mut self, buffer: &'b mut [u8; RECORD], feed: Feed<'_>) -> Option<&'b [u8]> {
-        let mut map = map(&mut self.flash, &self.range, feed)?;
-        block_on(map.fetch_item(buffer, &KEY)).ok()?
+    /// The last good record, if the flash can be read.
+    fn fetch<'b>(
+        &mut self,
+        buffer: &'b mut [u8; RECORD],
+        feed: Feed<'_>,
+    ) -> Result<Option<&'b [u8]>, Unreadable> {
+        let Some(mut map) = map(&mut self.flash, &self.range, feed) else { return Ok(None) };
+        match block_on(map.fetch_item(buffer, &KEY)) {
+            Ok(record) => Ok(record),
+            Err(Error::Storage { .. }) => Err(Unreadable),
+            Err(_) => Ok(None),
+        }
     }
 
     /// Whether these sectors were erased.

@@ -35,6 +35,7 @@ struct State {
     /// When power will be lost: bytes until then, and whether the next one is half done.
     power: Option<(usize, bool)>,
     erases: u32,
+    writes: u32,
 }
 
 /// Why the flash did not do what it was asked.
@@ -67,7 +68,7 @@ impl Flash {
     pub fn with(bytes: &[u8]) -> Self {
         let mut bytes = bytes.to_vec();
         bytes.resize(SIZE, 0xFF);
-        Self(Rc::new(RefCell::new(State { bytes, keep: None, power: None, erases: 0 })))
+        Self(Rc::new(RefCell::new(State { bytes, keep: None, power: None, erases: 0, writes: 0 })))
     }
 
     /// The same, kept elsewhere from now on.
@@ -96,6 +97,11 @@ impl Flash {
     /// Sectors erased so far.
     pub fn erases(&self) -> u32 {
         self.0.borrow().erases
+    }
+
+    /// Times that it was written so far.
+    pub fn writes(&self) -> u32 {
+        self.0.borrow().writes
     }
 }
 
@@ -168,6 +174,7 @@ impl NorFlash for Flash {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashError> {
         check_write(self, offset, bytes.len()).map_err(FlashError::Place)?;
         let mut state = self.0.borrow_mut();
+        state.writes += 1;
         state.change(offset as usize, |i, old| old & bytes[i], bytes.len())
     }
 }

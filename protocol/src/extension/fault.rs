@@ -82,8 +82,7 @@ record! {
         pub fault: Fault,
         /// Of which channel, from 0; `None` is the board.
         pub channel: Option<u8>,
-        /// Uptime in ms when it tripped, by the control periods until then: periods that were
-        /// missed, and the time of an erase, are not in it.
+        /// Uptime in ms when it tripped.
         pub uptime_ms: u32,
         /// What was true then: the values that [`Fault::values`] names, 0 beyond them.
         pub values: [i16; 3],

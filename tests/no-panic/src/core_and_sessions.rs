@@ -75,7 +75,7 @@ fn talk(mut session: impl Session, controller: &mut Controller) {
         let (motion, sensors): (MotionInputs, Sensors) =
             black_box((MotionInputs::default(), Sensors::UNKNOWN));
         if any::<u8>() == 1 {
-            controller.period_missed(any());
+            controller.periods_missed(any(), any());
         }
         let control = session.settings().control;
         let snapshot = controller.step(

@@ -66,8 +66,9 @@ pub struct Trial {
     awaited_since: Option<u64>,
     unsure_until: u64,
     starts: u32,
-    /// How long no joint has moved, as ARMpac has it.
+    /// How long no joint has moved, as ARMpac has it, nor has been told to.
     at_rest_for: u32,
+    slews: u32,
 }
 
 impl Trial {
@@ -85,6 +86,7 @@ impl Trial {
             unsure_until: 0,
             starts: 1,
             at_rest_for: 0,
+            slews: 0,
         }
     }
 
@@ -193,7 +195,8 @@ impl Trial {
             let (low, high) = (pulse_at(joint, joint.min), pulse_at(joint, joint.max));
             assert!((low..=high).contains(&pulse), "joint {i} at {pulse}, not {low} to {high}");
         }
-        let is_at_rest = !arm.moving.iter().any(|moves| *moves);
+        let is_told = std::mem::replace(&mut self.slews, self.board.slews) != self.board.slews;
+        let is_at_rest = !is_told && !arm.moving.iter().any(|moves| *moves);
         self.at_rest_for = if is_at_rest { self.at_rest_for + 1 } else { 0 };
         // A look is 20 ms old at the most, and a stopped joint goes back to its tick.
         if self.at_rest_for > 200 && !self.board.model.is_held {

@@ -25,11 +25,12 @@ pub(super) struct Board<S: Session> {
     pub it: VirtualBoard<Watched<S>>,
     log: Log,
     pub model: Model,
-    /// The newest snapshot, and the one before.
+    /// The newest snapshot, and the one before; between them another, if a period came late.
     pub now: Snapshot,
+    pub between: Snapshot,
     pub before: Snapshot,
     pub settings: Settings,
-    /// What the flash holds, and what was being saved when power failed.
+    /// What the flash holds, and what was being saved when power failed or a task hung.
     saved: Option<Settings>,
     being_saved: Option<Settings>,
     /// What is being saved, and whether a program is being started.
@@ -39,6 +40,10 @@ pub(super) struct Board<S: Session> {
     reset: Option<ResetCause>,
     /// Motion commands for motors that the session has asked for.
     pub moves: u32,
+    /// And commands that let servos slew.
+    pub slews: u32,
+    /// Times that the flash was written.
+    writes: u32,
     /// Milliseconds, and times that each fault has tripped, by its number.
     pub ms: u64,
     pub faults: [u32; 32],
@@ -67,6 +72,7 @@ impl<S: Session + 'static> Board<S> {
             log,
             model: Model::new(settings.control),
             now: Snapshot::BOOT,
+            between: Snapshot::BOOT,
             before: Snapshot::BOOT,
             settings,
             saved: None,
@@ -75,6 +81,8 @@ impl<S: Session + 'static> Board<S> {
             is_starting: false,
             reset: Some(ResetCause::Power),
             moves: 0,
+            slews: 0,
+            writes: 0,
             ms: 0,
             faults: [0; 32],
             starts: 0,
@@ -98,6 +106,11 @@ impl<S: Session + 'static> Board<S> {
 
     fn look(&mut self) {
         let mut last = std::mem::replace(&mut self.now, self.it.snapshot());
+        // A command that has waited for the save may drive again in the next period.
+        let is_off = last.outputs.are_off() || self.now.outputs.are_off();
+        let writes = self.it.flash.writes();
+        assert!(is_off || writes == self.writes, "saved while something is driven");
+        self.writes = writes;
         while let Some(event) = { self.log.borrow_mut().pop_front() } {
             self.heed(event);
         }
@@ -105,6 +118,7 @@ impl<S: Session + 'static> Board<S> {
         if self.now.counters.periods < last.counters.periods {
             (last, self.before) = (Snapshot::BOOT, Snapshot::BOOT);
         }
+        self.between = last;
         let now = &self.now;
         self.model.look(now, &self.it.plant.borrow());
         if now.faults != last.faults {
@@ -128,13 +142,16 @@ impl<S: Session + 'static> Board<S> {
                     reset => self.reset == Some(reset),
                 };
                 assert!(is_expected, "the board starts again: {:?}", boot.reset);
+                // A board that starts in the middle of a save never says what came of it.
+                self.being_saved = self.being_saved.or(self.saving.take());
                 self.check_stored(&settings, boot.settings);
-                (self.reset, self.is_starting, self.saving) = (None, false, None);
+                (self.reset, self.is_starting) = (None, false);
                 self.settings = *settings;
                 self.model = Model::new(settings.control);
             }
             Event::Asked(command) => {
                 self.moves += u32::from(matches!(command, Command::MoveMotors { .. }));
+                self.slews += u32::from(matches!(command, Command::SlewServos(_)));
                 self.model.asked(&command, &self.now);
             }
             Event::Adopted(settings) => {
@@ -148,7 +165,6 @@ impl<S: Session + 'static> Board<S> {
             Event::Starting => (self.model.is_held, self.is_starting) = (true, true),
             Event::Done(result) => match (result, self.saving.take()) {
                 (Ok(()), Some(settings)) => {
-                    assert!(self.before.outputs.are_off(), "saved while something is driven");
                     (self.saved, self.being_saved) = (Some(settings), None);
                     self.saves += 1;
                     self.model.is_held = !self.has_started();
@@ -179,9 +195,7 @@ impl<S: Session + 'static> Board<S> {
     /// Power is gone and comes back, in the middle of a save if [`lose_power_after`](Flash) said so. The
     /// board starts in the next millisecond.
     pub fn power_fails(&mut self) {
-        if self.it.flash.restore_power() {
-            self.being_saved = self.being_saved.or(self.saving.take());
-        }
+        self.it.flash.restore_power();
         self.reset = Some(ResetCause::Power);
         self.it.start_again(ResetCause::Power);
     }

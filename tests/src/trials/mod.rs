@@ -6,6 +6,7 @@
 //! a power supply do to them.
 
 pub mod arm;
+mod asked;
 mod board;
 mod choices;
 pub mod cm5;

@@ -14,6 +14,8 @@ use firmware::ports::MotorOutput;
 use firmware::settings::{ControlSettings, SoftLimits};
 use hal_mock::plant::Plant;
 
+use super::asked::{Asked, Coming};
+
 /// Periods from a command to what it does: it waits for its turn, and settings wait for theirs.
 const SLACK: u32 = 12;
 /// Periods in which silence stops what a PWM or a velocity drives, as the manual of ours says.
@@ -21,35 +23,15 @@ const STOPS_WITHIN: u32 = 100;
 /// A latched channel's shaft is at rest after so many.
 const COASTS: u32 = 5000;
 
-/// What a channel was last asked for, and so what it may do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Asked {
-    /// Nothing, or it was stopped for good: it is off.
-    Nothing,
-    /// To move.
-    Motion { timed: bool },
-    /// To move, and then to pause: it is off until it is resumed.
-    Pause { timed: bool },
-    /// To stop. From this period on, if it is known, its set-point is 0.
-    Stop { by: Option<u32> },
-    /// Nothing any more: its host fell silent, under way or not. It is off from this period on.
-    Silence { by: u32, under_way: bool },
-    /// The same of a position loop: from this period on its set-point stays.
-    Hold { by: u32, at: Option<SetPoint> },
-    /// It was paused, and its move may be forgotten.
-    Unknown,
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Motor {
     asked: Asked,
     /// The period of that.
     since: u32,
-    /// The last motion command that the controller may still be about to carry out: whether it is a
-    /// stop, how long it takes, and when it was given.
-    coming: Option<(bool, u16, u32)>,
-    /// When it was last given while another was still coming. If one of them is refused, the one that
-    /// moved the channel may be another than was thought.
+    /// The last that is still to come.
+    coming: Option<Coming>,
+    /// When it was last given, or a count set, while another was still coming. If one of them is refused,
+    /// the one that moved the channel may be another than was thought.
     doubted: Option<u32>,
     latched_for: u32,
     /// A setting may have stopped it since, as silence would.
@@ -131,7 +113,13 @@ impl Model {
                 for (motor, target) in self.motors.iter_mut().zip(targets) {
                     if let Some(target) = target {
                         motor.doubted = motor.coming.map(|_| period).or(motor.doubted);
-                        motor.coming = Some((is_stop(method, target), periods, period));
+                        motor.coming = Some(Coming {
+                            is_stop: is_stop(method, target),
+                            periods,
+                            at: period,
+                            is_suspended: false,
+                            is_resumed: false,
+                        });
                     }
                 }
             }
@@ -149,7 +137,9 @@ impl Model {
             Command::SetCount { channel, .. } => {
                 let motor = &mut self.motors[channel.index()];
                 // A move that is still to come may be paused before the count is set.
-                if motor.coming.take().is_some() || matches!(motor.asked, Asked::Pause { .. }) {
+                let is_coming = motor.coming.take().is_some();
+                motor.doubted = is_coming.then_some(period).or(motor.doubted);
+                if is_coming || matches!(motor.asked, Asked::Pause { .. }) {
                     (motor.asked, motor.since) = (Asked::Unknown, period);
                 }
             }
@@ -166,15 +156,11 @@ impl Model {
             let (motor, servo) =
                 (&mut self.motors[channel.index()], &mut self.servos[channel.index()]);
             if scope == Scope::All || scope == Scope::Motor(channel) {
-                let asked = match (run, motor.asked) {
-                    (true, Asked::Pause { timed }) => Asked::Motion { timed },
-                    (true, other) => other,
-                    (false, Asked::Motion { timed }) => Asked::Pause { timed },
-                    (false, Asked::Stop { .. } | Asked::Silence { .. } | Asked::Hold { .. }) => {
-                        Asked::Nothing
-                    }
-                    (false, other) => other,
-                };
+                if let Some(coming) = &mut motor.coming {
+                    coming.is_suspended |= !run;
+                    coming.is_resumed = run;
+                }
+                let asked = if run { motor.asked.resumed() } else { motor.asked.suspended() };
                 if asked != motor.asked {
                     (motor.asked, motor.since) = (asked, period);
                 }
@@ -215,7 +201,7 @@ impl Model {
             let period = now.counters.periods;
             for motor in &mut self.motors {
                 motor.since = period;
-                motor.coming = motor.coming.map(|(is_stop, periods, _)| (is_stop, periods, period));
+                motor.coming = motor.coming.map(|coming| Coming { at: period, ..coming });
                 motor.doubted = motor.doubted.map(|_| period);
             }
             self.moves.fill(period);
@@ -268,20 +254,31 @@ impl Model {
             if has_moved {
                 motor.asked = match motor.coming.take() {
                     _ if is_ambiguous => Asked::Unknown,
-                    Some((true, periods, _)) => {
+                    Some(Coming { is_stop, periods, is_suspended, is_resumed, .. }) => {
                         let by = period + u32::from(periods) + SLACK;
-                        Asked::Stop { by: Some(by).filter(|_| !accelerates) }
+                        let asked = match is_stop {
+                            true => Asked::Stop { by: Some(by).filter(|_| !accelerates) },
+                            false => Asked::Motion { timed: periods > 0 },
+                        };
+                        match (is_suspended, is_resumed) {
+                            (false, _) => asked,
+                            (true, false) => asked.suspended(),
+                            (true, true) => asked.suspended().resumed(),
+                        }
                     }
-                    Some((_, periods, _)) => Asked::Motion { timed: periods > 0 },
-                    // One that was told with the one before, and came after it.
-                    None if period - motor.since <= SLACK => motor.asked,
+                    // One that was told with the one before, and came after it; or after a fault that
+                    // stopped that.
+                    None if period - motor.since <= SLACK => match motor.asked {
+                        Asked::Nothing => Asked::Unknown,
+                        asked => asked,
+                    },
                     None => Asked::Motion { timed: true },
                 };
                 motor.since = period;
             } else if is_ambiguous && motor.doubted.is_some_and(|at| period - at <= SLACK) {
                 (motor.asked, motor.since) = (Asked::Unknown, period);
             }
-            motor.coming = motor.coming.filter(|(.., at)| period - at <= SLACK);
+            motor.coming = motor.coming.filter(|coming| period - coming.at <= SLACK);
             if lost {
                 motor.asked = match (motor.asked, now.channels[i].set_point) {
                     (Asked::Nothing | Asked::Pause { .. }, _) => Asked::Nothing,
@@ -316,7 +313,9 @@ impl Model {
             }
         }
         if lost {
-            for servo in self.servos.iter_mut().filter(|servo| !servo.slews) {
+            // What was asked a moment ago may come behind the loss, with a sign of life.
+            let moving = |servo: &&mut Servo| !servo.slews && period - servo.since > SLACK;
+            for servo in self.servos.iter_mut().filter(moving) {
                 servo.rests = Some(servo.rests.unwrap_or(period));
             }
         }

@@ -21,8 +21,11 @@ use super::{Choices, world};
 
 /// Milliseconds in which a candidate that noise has made is given up, and the frames behind it come.
 const DAMAGE_LASTS: u64 = 1100;
-/// Milliseconds from a frame on the line to its acknowledgement, and from a reset to the first answer.
+/// Milliseconds from a frame on the line to its acknowledgement, and from a reset to the first answer; a control
+/// that is late meanwhile does not count.
 const ANSWERED_WITHIN: u64 = 60;
+/// Milliseconds from then until control, which may be late by 46, has seen a sign of life.
+const SEEN_WITHIN: u64 = 50;
 
 /// What befalls the board.
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +110,8 @@ struct Wire {
     moves: u32,
     /// Nothing is counted until then: a candidate may swallow frames.
     dirty_until: u64,
-    last_sent: u64,
+    /// When all that was sent will have been answered.
+    answered_by: u64,
     /// The board has heard a sign of life since it has started.
     has_been_heard: bool,
     /// The last time that the machine state told, and when.
@@ -191,8 +195,12 @@ impl Trial {
             Befalls::Late => {
                 // Control comes too late. It is looked at again with the sensors, every 20 ms, and the
                 // watchdog bears 50.
+                let ms = 1 + u64::from(choices.below(25));
+                if self.wire.acks < self.wire.owed || self.board.moves < self.wire.moves {
+                    self.wire.answered_by += ms + 21;
+                }
                 self.board.it.watchdog.hung.set(Some(Task::Control));
-                self.pass(1 + u64::from(choices.below(25)));
+                self.pass(ms);
                 self.board.it.watchdog.hung.set(None);
                 self.pass(21);
             }
@@ -252,7 +260,7 @@ impl Trial {
     fn put(&mut self, bytes: &[u8], is_owed: bool, may_be_an_ack: bool, is_move: bool) {
         self.board.it.line.host_sends(bytes);
         self.counted.frames += 1;
-        self.wire.last_sent = now();
+        self.wire.answered_by = now() + ANSWERED_WITHIN;
         if !self.board.it.line.is_cut() {
             self.wire.owed += u32::from(is_owed && !may_be_an_ack);
             self.wire.may_come += u32::from(is_owed && may_be_an_ack);
@@ -310,13 +318,13 @@ impl Trial {
         }
         let time = u64::from(self.board.settings.control.link_timeout);
         let is_silent =
-            now() > self.wire.last_sent.max(self.wire.dirty_until) + time + ANSWERED_WITHIN;
+            now() > self.wire.answered_by.max(self.wire.dirty_until) + time + SEEN_WITHIN;
         if is_silent && time > 0 && self.wire.has_been_heard && !self.board.model.is_held {
             assert!(self.board.now.link_loss, "its host has been silent for {time} ms");
         }
         let wire = &mut self.wire;
         let asked = self.board.moves;
-        let is_under_way = self.board.model.is_held || now() < wire.last_sent + ANSWERED_WITHIN;
+        let is_under_way = self.board.model.is_held || now() < wire.answered_by;
         if now() > wire.dirty_until {
             assert!(wire.acks <= wire.owed + wire.may_come, "more acknowledgements than frames");
             assert!(asked <= wire.moves, "more motion than was asked for");
@@ -345,9 +353,10 @@ impl Trial {
                 }
                 self.wire.clock = Some((state.time_ms, now()));
                 let is_news = self.wire.dirty_until >= now();
+                let Board { now, between, before, .. } = &self.board;
                 for (i, told) in state.channels.iter().enumerate() {
                     let is_so =
-                        is_so(told, i, &self.board.now) || is_so(told, i, &self.board.before);
+                        [now, between, before].iter().any(|told_of| is_so(told, i, told_of));
                     assert!(is_so || is_news, "it is not so: {told:?}");
                 }
             }

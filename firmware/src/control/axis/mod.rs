@@ -520,6 +520,17 @@ impl Axis {
         self.longest_move = settings.longest_move;
     }
 
+    /// So many control periods have passed without a step.
+    pub fn missed(&mut self, periods: u16) {
+        match &mut self.state {
+            State::Stopping(left) => *left = left.saturating_sub(periods),
+            State::Running | State::Paused if self.oldest > 0 => {
+                self.age = self.age.saturating_add(periods);
+            }
+            State::Off | State::Running | State::Paused => {}
+        }
+    }
+
     /// One period: what the bridge is to do. `limits` bound the logical drive.
     pub fn step(&mut self, now: Reading, limits: impl FnOnce() -> Limits) -> MotorOutput {
         if self.state == State::Off {

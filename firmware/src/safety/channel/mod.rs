@@ -8,7 +8,8 @@
 //! long as it stays near (8 counts) to where it was found. A still shaft that draws the current of
 //! one that is held at this duty is *held*; one that draws less may be running away behind a sensor
 //! that is not there, and that is sooner over. *Logical* drive is positive when it should make the
-//! sensor's counts rise. Times are control periods.
+//! sensor's counts rise. Times are control periods: one that was missed has shown nothing, and does
+//! not count.
 //!
 //! Promises: what a host asks is never a fault of the channel; limits only limit, and say so
 //! ([`ChannelMonitor::limiting`]). A motor's heat outlives everything but a restart.
