@@ -16,8 +16,11 @@ fn every_tab_in_light_and_dark_without_an_error_of_a_script() {
             std::thread::sleep(Duration::from_secs(2));
             desk.keep_screenshot(&format!("motors-{scheme}"));
         });
+        let stops = || desk.notes("STOP: the board has confirmed it");
+        let before = stops();
         desk.click("#stop");
-        desk.board.until_it_stands();
+        // Until then it refuses to step.
+        until("it tells so", || (stops() > before).then_some(()));
         step(&desk);
         desk.keep_screenshot(&format!("tune-{scheme}"));
         for tab in ["settings", "world", "io", "link"] {
