@@ -21,40 +21,8 @@ pub fn screenshot_file(name: &str) -> PathBuf {
     folder.join(name).with_extension("png")
 }
 
-/// A board, and a browser that shows its page. What the browser can do, it can.
-pub struct Desk {
-    /// The browser; before the board, so that it ends first.
-    pub browser: Browser,
-    /// The board.
-    pub board: Board,
-    test: &'static Location<'static>,
-}
-
-impl Deref for Desk {
-    type Target = Browser;
-
-    fn deref(&self) -> &Browser {
-        &self.browser
-    }
-}
-
-impl Desk {
-    /// A new board, and its page when it is connected.
-    #[track_caller]
-    pub fn open() -> Self {
-        let (board, browser) = (Board::start(), Browser::start());
-        let desk = Self { browser, board, test: Location::caller() };
-        desk.open_page();
-        desk
-    }
-
-    /// The page in this window, when it is connected.
-    #[track_caller]
-    pub fn open_page(&self) {
-        self.browser.open(&self.board.address());
-        self.until_it_is("online", "yes");
-    }
-
+/// What is seen and done on every page.
+impl Browser {
     /// Waits for one of the body's states: `armed`, `online`.
     #[track_caller]
     pub fn until_it_is(&self, name: &str, value: &str) {
@@ -90,19 +58,58 @@ impl Desk {
         self.js(script, &[json!(part)]).as_u64().unwrap()
     }
 
+    /// Arms this page, if it is not. A board that has just come is asked first how it is.
+    #[track_caller]
+    pub fn arm(&self) {
+        while self.body("armed") != "here" {
+            let waits = || self.notes("wait a moment");
+            let before = waits();
+            self.click("#arm");
+            until("it is armed, or asks to wait", || {
+                (self.body("armed") == "here" || waits() > before).then_some(())
+            });
+        }
+    }
+}
+
+/// A board, and a browser that shows its page. What the browser can do, it can.
+pub struct Desk {
+    /// The browser; before the board, so that it ends first.
+    pub browser: Browser,
+    /// The board.
+    pub board: Board,
+    test: &'static Location<'static>,
+}
+
+impl Deref for Desk {
+    type Target = Browser;
+
+    fn deref(&self) -> &Browser {
+        &self.browser
+    }
+}
+
+impl Desk {
+    /// A new board, and its page when it is connected.
+    #[track_caller]
+    pub fn open() -> Self {
+        let (board, browser) = (Board::start(), Browser::start());
+        let desk = Self { browser, board, test: Location::caller() };
+        desk.open_page();
+        desk
+    }
+
+    /// The page in this window, when it is connected.
+    #[track_caller]
+    pub fn open_page(&self) {
+        self.browser.open(&self.board.address());
+        self.until_it_is("online", "yes");
+    }
+
     /// How often the server has ended a drive because the page was not heard for 250 ms.
     #[track_caller]
     pub fn absences(&self) -> u64 {
         self.notes("did not answer (a busy computer?)")
-    }
-
-    /// Arms this page, if it is not.
-    #[track_caller]
-    pub fn arm(&self) {
-        if self.body("armed") != "here" {
-            self.click("#arm");
-            self.until_it_is("armed", "here");
-        }
     }
 
     /// Presses motor 1's Drive for a velocity in counts/s.
