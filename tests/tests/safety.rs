@@ -5,7 +5,7 @@ use firmware::settings::Settings;
 use hal_mock::board::Make;
 use hal_mock::clock;
 use hal_mock::plant::{Motor, MotorScene, Scene, ShaftSensor};
-use protocol::extension::Request;
+use protocol::extension::{Action, Request};
 use protocol::pms5005::{
     Addressing, Channel, Command, Frame, Method, Move, Parameter, Polarity, Quantity, Repeat,
     Scope, Sensor, did,
@@ -605,4 +605,21 @@ fn the_extremes_of_every_field_leave_a_board_that_works() {
     bench.drive(Quantity::Position, 0, 3000, 0);
     bench.run_alive_ms(2000);
     assert!((2960..=3040).contains(&bench.position(0).rem_euclid(32_768)));
+}
+
+#[test]
+fn a_command_that_waited_while_control_was_late_is_not_left_running_by_a_silent_host() {
+    for offset in (0..8000).step_by(250) {
+        let mut settings = Settings::DEFAULT;
+        settings.control.link_timeout = 30;
+        let mut bench = Bench::with(Make { settings, ..Make::default() });
+        bench.hush();
+        // It waits until the save is done, and control is late meanwhile, as it is by an erase.
+        bench.send_raw(did::PARAMETERS, &[Action::Save.number()]);
+        bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+        bench.board.run_for(Duration::from_micros(offset));
+        clock::advance_to(Instant::now() + Duration::from_millis(45));
+        bench.run_ms(2000);
+        assert_eq!(bench.bridge(0), (0, false), "late {offset} us after the command");
+    }
 }

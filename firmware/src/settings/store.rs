@@ -105,7 +105,7 @@ impl<F: NorFlash> Store<F> {
     pub fn save(&mut self, settings: &Settings, mut feed: impl FnMut()) -> Result<(), SaveFailed> {
         // Begun anew, so that the next one is a first record again if it is torn too. Not one that lacks
         // nothing but the filling of its last word: it can be read.
-        if self.written() == Written::Begun && self.stored(&mut feed).is_none() {
+        if self.written() == Written::Begun && self.holds_nothing(&mut feed) {
             self.erase(
                 self.range.start..self.range.start.saturating_add(F::ERASE_SIZE as u32),
                 &mut feed,
@@ -119,8 +119,7 @@ impl<F: NorFlash> Store<F> {
         }
         // Nothing readable is lost: while there was a record, the map took another one. And flash that cannot
         // be read now may hold one.
-        if matches!(self.fetch(&mut [0; RECORD], &mut feed), Ok(record) if record.and_then(read).is_none())
-        {
+        if self.holds_nothing(&mut feed) {
             let erased = self.erase(self.range.clone(), &mut feed);
             if erased && self.append(settings, &mut feed) {
                 return Ok(());
@@ -139,6 +138,11 @@ impl<F: NorFlash> Store<F> {
             None => false,
         };
         stored && self.fetch(&mut buffer, feed) == Ok(Some(record))
+    }
+
+    /// Whether the flash can be read, and no settings are in it.
+    fn holds_nothing(&mut self, feed: Feed<'_>) -> bool {
+        matches!(self.fetch(&mut [0; RECORD], feed), Ok(record) if record.and_then(read).is_none())
     }
 
     /// The settings of the last good record, if it is one of ours.
