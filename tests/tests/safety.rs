@@ -623,3 +623,18 @@ fn a_command_that_waited_while_control_was_late_is_not_left_running_by_a_silent_
         assert_eq!(bench.bridge(0), (0, false), "late {offset} us after the command");
     }
 }
+
+#[test]
+fn a_host_that_spoke_in_time_is_not_silent_because_control_was_late() {
+    let mut settings = Settings::DEFAULT;
+    settings.control.link_timeout = 60;
+    let mut bench = Bench::with(Make { settings, ..Make::default() });
+    bench.drive(Quantity::Pwm, 0, 16384 + 8000, 0);
+    bench.run_ms(40);
+    assert_eq!(bench.bridge(0), (8000, true));
+    // It arrives 41 ms after the command, while nothing of the board runs.
+    bench.send(Command::Ping);
+    clock::advance_to(Instant::now() + Duration::from_millis(45));
+    bench.run_ms(20);
+    assert_eq!((bench.bridge(0), bench.board.snapshot().counters.links_lost), ((8000, true), 0));
+}

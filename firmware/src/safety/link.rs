@@ -9,6 +9,9 @@ pub struct LinkWatch {
     signs: u32,
     /// Milliseconds since the last sign of life; `None` before the first.
     silence: Option<u16>,
+    /// Periods missed before the step that comes, and before the last one.
+    missed: u16,
+    missed_before: u16,
     lost: bool,
     /// Timed moves have been told to end.
     moves_ended: bool,
@@ -24,22 +27,22 @@ pub struct LinkEvents {
 }
 
 impl LinkWatch {
-    /// So many control periods have passed without a step.
+    /// So many control periods have passed without a step. They count with the step after the one that
+    /// comes: what has arrived meanwhile is not read yet.
     pub fn missed(&mut self, periods: u16) {
-        if let Some(silence) = &mut self.silence {
-            *silence = silence.saturating_add(periods);
-        }
+        self.missed = self.missed.saturating_add(periods);
     }
 
     /// One period: `signs` is the count of signs of life so far, `timeout` the silence allowed in
     /// ms (0: any), `longest_move` how long a timed move may go on without a host.
     pub fn step(&mut self, signs: u32, timeout: u16, longest_move: u16) -> LinkEvents {
+        let missed = core::mem::replace(&mut self.missed_before, core::mem::take(&mut self.missed));
         if signs != self.signs {
-            *self = Self { signs, silence: Some(0), lost: false, moves_ended: false };
+            *self = Self { signs, silence: Some(0), ..Self::default() };
             return LinkEvents::default();
         }
         let Some(silence) = &mut self.silence else { return LinkEvents::default() };
-        *silence = silence.saturating_add(1);
+        *silence = silence.saturating_add(missed).saturating_add(1);
         let lost = !self.lost && timeout > 0 && *silence >= timeout;
         self.lost |= lost;
         let moves_end = self.lost && !self.moves_ended && *silence >= longest_move;
