@@ -133,7 +133,6 @@ pub async fn control<M: RawMutex, C: Copy>(
 ) -> ! {
     let mut due = period_before(Instant::now());
     let mut worst_latency_us = 0;
-    let mut signs_of_life = 0;
     loop {
         due += CONTROL_PERIOD;
         Timer::at(due).await;
@@ -152,17 +151,13 @@ pub async fn control<M: RawMutex, C: Copy>(
         // No more than were waiting: a fast link must not stretch the period.
         let is_held = channels.hold.get();
         let most = if is_held { 0 } else { COMMANDS };
-        if !is_held {
-            // Heard with the commands that it brought: one that waits must not find its host silent already.
-            signs_of_life = channels.signs_of_life.get();
-        }
         let commands = core::iter::from_fn(|| channels.commands.try_receive().ok());
         let snapshot = controller.step(
             commands.take(most),
             || channels.settings.try_receive().ok(),
             &motion,
             &channels.sensors.get(),
-            signs_of_life,
+            channels.signs_of_life.get(),
         );
         let liveness = channels.roll_call.check(CONTROL_PERIOD_MS as u16, is_held);
         if liveness != Liveness::Alive {

@@ -149,18 +149,24 @@ impl Controller {
         if lost {
             self.counters.links_lost = self.counters.links_lost.wrapping_add(1);
             warning!("the host is silent: {} ms", link_timeout);
-            for channel in Channel::ALL {
-                let reading = self.reading(channel);
-                self.axes[channel.index()].link_lost(reading);
-            }
             self.servos.iter_mut().for_each(Servo::link_lost);
             let silence = i16::try_from(link_timeout).unwrap_or(i16::MAX);
             self.trip(Fault::LinkLoss, None, [silence, 0, 0]);
         }
-        if moves_end {
-            for channel in Channel::ALL {
-                let reading = self.reading(channel);
-                self.axes[channel.index()].end_move(reading);
+        // What was carried out only now, as behind a save, finds its host silent too.
+        for channel in Channel::ALL {
+            let is_silenced = lost || self.link.is_lost() && self.moved.has(channel);
+            let ends = moves_end || is_silenced && self.link.moves_have_ended();
+            if !is_silenced && !ends {
+                continue;
+            }
+            let reading = self.reading(channel);
+            let axis = &mut self.axes[channel.index()];
+            if is_silenced {
+                axis.link_lost(reading);
+            }
+            if ends {
+                axis.end_move(reading);
             }
         }
         if let Some((fault, values)) = self.board.step(sensors, &self.settings.board_faults) {

@@ -50,6 +50,11 @@ impl LinkWatch {
         LinkEvents { lost, moves_end }
     }
 
+    /// Whether it is silent for so long that no timed move goes on.
+    pub fn moves_have_ended(&self) -> bool {
+        self.moves_ended
+    }
+
     /// Whether the host, once heard, is silent for too long.
     pub fn is_lost(&self) -> bool {
         self.lost

@@ -237,8 +237,9 @@ impl Model {
         let period = now.counters.periods;
         let refused = now.counters.refused.total() != self.before.counters.refused.total();
         self.moves.retain(|at| period - at <= SLACK);
-        // Of several motion commands at once, nobody can say from here which was refused.
-        let is_ambiguous = refused && self.moves.len() > 1;
+        // Of several motion commands at once, nobody can say from here which was refused, nor which wait until
+        // commands are carried out again.
+        let is_ambiguous = (refused || self.is_held) && self.moves.len() > 1;
         if refused && self.moves.len() == 1 && !self.is_held {
             assert_eq!(now.moved.bits(), 0, "a command that was refused moves something");
         }

@@ -278,6 +278,8 @@ impl Trial {
     /// What is owed is not known for a while.
     fn taint(&mut self, ms: u64) {
         self.wire.dirty_until = self.wire.dirty_until.max(now() + ms);
+        // What is under way may never arrive.
+        self.wire.has_been_heard &= now() > self.wire.answered_by;
     }
 
     /// Lets time pass, and looks at the board after every millisecond.
@@ -317,8 +319,9 @@ impl Trial {
             }
         }
         let time = u64::from(self.board.settings.control.link_timeout);
-        let is_silent =
-            now() > self.wire.answered_by.max(self.wire.dirty_until) + time + SEEN_WITHIN;
+        // The last frame of a damaged line takes its time too.
+        let last = self.wire.answered_by.max(self.wire.dirty_until + ANSWERED_WITHIN);
+        let is_silent = now() > last + time + SEEN_WITHIN;
         if is_silent && time > 0 && self.wire.has_been_heard && !self.board.model.is_held {
             assert!(self.board.now.link_loss, "its host has been silent for {time} ms");
         }
