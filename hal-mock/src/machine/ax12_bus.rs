@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 use super::{Machine, servos};
 use crate::clock;
 use crate::plant::Ax12;
-use crate::servo_bus::{Faults, Make, ServoBus};
+use crate::servo_bus::{Make, ServoBus};
 use crate::wire::Line;
 
 /// How much the adapter takes from its host in advance. The rest waits on the line.
@@ -20,9 +20,7 @@ const AHEAD_NS: u64 = 5_000_000;
 /// A bus, and the adapter's line.
 pub struct Ax12Bus {
     bus: ServoBus,
-    faults: Faults,
-    /// The IDs in the beginning.
-    ids: Vec<u8>,
+    servos: servos::Kept,
     line: Line,
 }
 
@@ -34,9 +32,9 @@ impl Ax12Bus {
     /// A bus of these servos. Its echo is the adapter's.
     pub fn new(make: Make, servos: Vec<Ax12>) -> Self {
         clock::reset();
-        let ids = servos.iter().map(Ax12::id).collect();
+        let kept = servos::Kept::new(&servos, make.faults);
         let bus = ServoBus::new(Make { echo: false, ..make }, servos);
-        Self { bus, faults: make.faults, ids, line: Line::new(0) }
+        Self { bus, servos: kept, line: Line::new(0) }
     }
 
     /// Lets the adapter take what its host has sent, as far as the bus can follow.
@@ -94,10 +92,10 @@ impl Machine for Ax12Bus {
     }
 
     fn overridden(&self) -> Map<String, Value> {
-        servos::overridden(&self.bus, &self.ids, &self.faults)
+        self.servos.overridden(&self.bus)
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        servos::set(&mut self.bus, &self.ids, &mut self.faults, changes)
+        self.servos.set(&mut self.bus, changes)
     }
 }

@@ -8,23 +8,19 @@ use serde_json::{Map, Value, json};
 
 use super::{Machine, servos};
 use crate::cm5_board::{Cm5Board, Make};
-use crate::plant::Ax12;
-use crate::servo_bus::Faults;
 use crate::wire::Line;
 
 /// A CM-5 with its servos.
 pub struct Cm5 {
     board: Cm5Board,
-    faults: Faults,
-    /// The IDs in the beginning.
-    ids: Vec<u8>,
+    servos: servos::Kept,
 }
 
 impl Cm5 {
     /// One that has just been switched on.
     pub fn new(make: Make) -> Self {
-        let (faults, ids) = (make.bus.faults, make.servos.iter().map(Ax12::id).collect());
-        Self { board: Cm5Board::new(make), faults, ids }
+        let servos = servos::Kept::new(&make.servos, make.bus.faults);
+        Self { board: Cm5Board::new(make), servos }
     }
 }
 
@@ -92,11 +88,11 @@ impl Machine for Cm5 {
     }
 
     fn overridden(&self) -> Map<String, Value> {
-        servos::overridden(&self.board.bus.bus(), &self.ids, &self.faults)
+        self.servos.overridden(&self.board.bus.bus())
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        servos::set(&mut self.board.bus.bus(), &self.ids, &mut self.faults, changes)
+        self.servos.set(&mut self.board.bus.bus(), changes)
     }
 }
 

@@ -7,23 +7,19 @@ use serde_json::{Map, Value, json};
 
 use super::{Machine, servos};
 use crate::pass_through_board::{Make, PassThroughBoard};
-use crate::plant::Ax12;
-use crate::servo_bus::Faults;
 use crate::wire::Line;
 
 /// A pass-through with its servos.
 pub struct PassThrough {
     board: PassThroughBoard,
-    faults: Faults,
-    /// The IDs in the beginning.
-    ids: Vec<u8>,
+    servos: servos::Kept,
 }
 
 impl PassThrough {
     /// One that has just been switched on.
     pub fn new(make: Make) -> Self {
-        let (faults, ids) = (make.bus.faults, make.servos.iter().map(Ax12::id).collect());
-        Self { board: PassThroughBoard::new(make), faults, ids }
+        let servos = servos::Kept::new(&make.servos, make.bus.faults);
+        Self { board: PassThroughBoard::new(make), servos }
     }
 }
 
@@ -79,10 +75,10 @@ impl Machine for PassThrough {
     }
 
     fn overridden(&self) -> Map<String, Value> {
-        servos::overridden(&self.board.bus.bus(), &self.ids, &self.faults)
+        self.servos.overridden(&self.board.bus.bus())
     }
 
     fn set(&mut self, changes: &Map<String, Value>) -> Result<(), String> {
-        servos::set(&mut self.board.bus.bus(), &self.ids, &mut self.faults, changes)
+        self.servos.set(&mut self.board.bus.bus(), changes)
     }
 }

@@ -11,7 +11,7 @@ use crate::servo_bus::{Faults, ServoBus};
 /// A fault rate of one.
 const CERTAIN_PPM: u64 = 1_000_000;
 
-/// What [`set`] knows.
+/// What [`Kept::set`] knows.
 pub const SETTABLE: [&str; 9] = [
     "unplug",
     "replug",
@@ -24,8 +24,31 @@ pub const SETTABLE: [&str; 9] = [
     "stalled_ppm",
 ];
 
-/// What of it is not as it was in the beginning. `ids` as for [`set`].
-pub fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Value> {
+/// What a machine keeps of its servos beside their bus.
+pub struct Kept {
+    /// The IDs in the beginning.
+    ids: Vec<u8>,
+    faults: Faults,
+}
+
+impl Kept {
+    /// Of these servos, on a bus with these faults.
+    pub fn new(servos: &[Ax12], faults: Faults) -> Self {
+        Self { ids: servos.iter().map(Ax12::id).collect(), faults }
+    }
+
+    /// What of it is not as it was in the beginning.
+    pub fn overridden(&self, bus: &ServoBus) -> Map<String, Value> {
+        overridden(bus, &self.ids, &self.faults)
+    }
+
+    /// Changes the bus and its servos as the inspector asks. An error names the key, and nothing is changed.
+    pub fn set(&mut self, bus: &mut ServoBus, changes: &Map<String, Value>) -> Result<(), String> {
+        set(bus, &self.ids, &mut self.faults, changes)
+    }
+}
+
+fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Value> {
     let of = |what: &dyn Fn(&Ax12, bool) -> bool| {
         let such =
             ids.iter().zip(bus.servos()).filter(|(_, (servo, plugged))| what(servo, *plugged));
@@ -55,9 +78,7 @@ pub fn overridden(bus: &ServoBus, ids: &[u8], faults: &Faults) -> Map<String, Va
     }))
 }
 
-/// Changes the bus and its servos as the inspector asks. `ids` are the IDs that they had in the
-/// beginning. An error names the key, and nothing is changed.
-pub fn set(
+fn set(
     bus: &mut ServoBus,
     ids: &[u8],
     faults: &mut Faults,

@@ -130,12 +130,7 @@ fn put(client: &mut Client, before: &Settings, plan: &Plan) -> Result<(), Error>
 /// A board saves only with all motors and servos off: that is looked at before anything is sent.
 fn all_off(client: &mut Client) -> Result<(), Error> {
     let is_on = match client.state_at_rest()? {
-        Some(state) => {
-            let drives = |channel: &protocol::extension::ChannelState| {
-                channel.mode != protocol::extension::Mode::Off
-            };
-            state.channels.iter().any(drives) || state.servos != [0; 6]
-        }
+        Some(state) => !crate::state::is_off(&state),
         None if client.personality() == crate::session::Personality::Arcos => {
             client.arm_status()?.powered
         }
